@@ -33,9 +33,10 @@ class Agenda:
         return due
 
     def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
-        """The first candidates and those whose turn it is, in alternation: new places, then those tried longest ago.
+        """The likely candidates and those whose turn it is, in alternation: new places, then those tried longest ago.
 
-        `candidates` come as a frame by itself would try them. Places without a candidate are forgotten.
+        `candidates` come as a frame by itself would try them; of those that are not likely one has its turn. Places
+        without a candidate are forgotten.
         """
         if not candidates:
             self.middles, self.turns = self.middles[:0], self.turns[:0]
@@ -49,7 +50,9 @@ class Agenda:
             kept = near.any(axis=0)
             self.middles, self.turns = self.middles[kept], self.turns[kept]
         by_turn = np.argsort(last, kind="stable").tolist()
-        both = [k for pair in zip(range(len(candidates)), by_turn, strict=True) for k in pair]
+        likely = [k for k, one in enumerate(candidates) if one.likely]
+        by_turn = [k for k in by_turn if candidates[k].likely], [k for k in by_turn if not candidates[k].likely]
+        both = [k for pair in zip(likely, by_turn[0], strict=True) for k in pair] + by_turn[1][:1]
         return [candidates[k] for k in dict.fromkeys(both)]
 
     def tried(self, candidate: Candidate) -> None:

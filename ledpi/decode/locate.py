@@ -9,7 +9,7 @@ import numpy as np
 from ledpi.core.geometry import box, project_to_quad, quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.decode.cells import MIN_CELL_PX
-from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth
+from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, dimmest
 from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
@@ -19,7 +19,6 @@ from ledpi.decode.proposals import DEEP
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
 NO_LIGHT = Rejected(stage="fit", reason="no_light")
 
-MAX_ROOM_LIGHT = 2.0  # of a panel's own in the mean of its bands: a brighter room hides the deepest
 REACH = 0.1  # of the side: how far off a proposal may be
 # Of the light's squares: the first fit, from corners that are off, must explain more than it leaves; of what a panel's
 # fit leaves in the end the deviation is less than a third of the light's own.
@@ -151,8 +150,7 @@ class Locator:
         window = Window.crop(frame, corners_px, REACH, fewest_px)
         if window is None:
             return NO_LIGHT
-        lit, depth = 1.0 + MAX_ROOM_LIGHT, band_depth(frame, self._specs)
-        if effort.roughly and effort.phasing and window.dimmed > (lit - depth) / (lit + depth) * window.bright:
+        if effort.roughly and effort.phasing and window.dimmed > dimmest(frame, self._specs) * window.bright:
             return NO_BANDS
         fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]
         best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)

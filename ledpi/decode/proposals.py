@@ -10,16 +10,19 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from ledpi.core.geometry import corners_apart, quad_side
-from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected
+from ledpi.core.geometry import quad_side
+from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected, read_only
 from ledpi.decode.cells import MIN_CELL_PX
-from ledpi.decode.evidence.waves import band_depth
+from ledpi.decode.evidence.waves import band_depth, dimmest
+from ledpi.decode.finding.glance import template
 from ledpi.decode.finding.outlines import Finder
-from ledpi.kernels.find import LatticeSearcher
+from ledpi.kernels.find import Glancer, LatticeSearcher
 
 DEEP = 0.5  # depth of bands that cut a panel into pieces
-SAME = 0.25  # of a cell: proposals no further apart lead to the same fit
-MOST = 256  # proposals of a frame: what has more is texture
+# A frame's candidates may lead to so many fits of what is none: with evidence of ln(N / WASTED) or more, texture gets
+# past in WASTED of N cases at most (Wald 1945).
+WASTED = 1.0
+GAMMA = 2.2  # of grey levels, where they are not linear in light: then a dark band is darker still
 
 
 class Candidate(NamedTuple):
@@ -28,6 +31,7 @@ class Candidate(NamedTuple):
     corners_px: Floats  # (4, 2), clockwise as seen in the picture
     side_px: float
     dark_rows: int = 0  # of a band that may hide its upper or lower end
+    likely: bool = True  # at a glance
 
     @classmethod
     def from_corners(cls, corners_px: Floats, dark_rows: int = 0) -> Candidate:
@@ -49,20 +53,32 @@ class Proposer:
     """Proposes panels of `cells` × `cells` in the frames of one camera. Keeps the pictures that it works on."""
 
     def __init__(self, camera: CameraInfo, cells: int, specs: Sequence[PanelSpec]) -> None:
+        smallest_px = cells * MIN_CELL_PX
         self._cells, self._specs = cells, tuple(specs)
-        self._outlines = Finder(camera.width, camera.height, cells * MIN_CELL_PX, cells)
-        self._lattices = LatticeSearcher(camera.height, camera.width, cells)
+        self._outlines = Finder(camera.width, camera.height, smallest_px, cells)
+        self._lattices = [LatticeSearcher(camera.height, camera.width, cells) for _ in range(2)]  # one a picture
+        self._glancer = Glancer(cells, smallest_px, template(cells))
 
     def propose(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
-        """Distinct candidates, the largest first, as a texture's are small; and what was dropped."""
+        """Distinct candidates, the largest first, as a texture's are small; and what was dropped.
+
+        Where bands are deep a glance sees how far their light changes, not where a panel ends: corners stay as found.
+        """
         band_rows = self._band_rows(frame)
+        pictures = [frame] if band_rows is None else _bridged(frame, band_rows)
         found, dropped = list[Floats](), list[Rejected]()
-        for seen in [frame] if band_rows is None else _bridged(frame, band_rows):
+        for searcher, seen in reversed([*zip(self._lattices, pictures, strict=False)]):  # the first is looked at last
             outlines, refused = self._outlines.find(seen)
-            found += [*self._lattices.search(self._outlines.pyramid(seen)).copy(), *outlines]
+            found += [searcher.search(self._outlines.pyramid(seen)), outlines.copy()]
             dropped += refused
-        ranked = sorted(found, key=lambda at: -quad_side(at.tolist()))
-        return self._distinct(ranked[:MOST], band_rows or 0), dropped
+        pyramid, bridged = self._outlines.pyramid(pictures[0]), None if band_rows is None else frame.pixels
+        looked = self._glancer.look(pyramid, found, bridged, dimmest(frame, self._specs) ** (1.0 / GAMMA))
+        corners, sides, evidence = (each.copy() for each in looked)
+        unlikely = math.log(max(len(sides), 1) / WASTED)
+        return [
+            Candidate(read_only(at), side, band_rows or 0, likely)
+            for at, side, likely in zip(corners, sides.tolist(), (evidence > unlikely).tolist(), strict=True)
+        ], dropped
 
     def _band_rows(self, frame: Frame) -> int | None:
         """Rows of the longest dark band, where bands are so deep that they cut a panel into pieces."""
@@ -70,23 +86,6 @@ class Proposer:
             return None
         slowest = min(hz for spec in self._specs for hz in spec.waves_hz)
         return 1 + math.ceil(0.5e6 / (slowest * abs(frame.row_time_us)))
-
-    def _distinct(self, ranked: list[Floats], dark_rows: int) -> list[Candidate]:
-        """The candidates that are large enough, of those that lead to one fit the first."""
-        candidates = [Candidate.from_corners(at, dark_rows) for at in ranked]
-        candidates = [one for one in candidates if one.side_px >= self._cells * MIN_CELL_PX]
-        if not candidates:
-            return []
-        sides, corners = np.array([one.side_px for one in candidates]), np.stack([one.corners_px for one in candidates])
-        near_px = SAME * sides[:, None] / self._cells
-        middles = corners.mean(axis=1)
-        close = np.abs(sides[:, None] - sides) < 2 * near_px
-        close &= np.hypot(*(middles[:, None] - middles).transpose(2, 0, 1)) < near_px
-        kept = np.ones(len(candidates), np.bool_)
-        for one, other in np.argwhere(np.tril(close, -1)).tolist():
-            if kept[one] and kept[other]:
-                kept[one] = corners_apart(corners[one].tolist(), corners[other].tolist()) >= near_px[one, 0]
-        return [one for one, keep in zip(candidates, kept, strict=True) if keep]
 
 
 def _bridged(frame: Frame, band_rows: int) -> list[Frame]:

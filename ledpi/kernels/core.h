@@ -99,6 +99,45 @@ ptrdiff_t ledpi_lattice_room(ptrdiff_t height, ptrdiff_t width);
 ptrdiff_t ledpi_lattice_squares(const PyramidPicture *pictures, ptrdiff_t count, ptrdiff_t cells, uint8_t *room, ptrdiff_t most,
                                 double *corners);
 
+/* ---- A glance at candidates, by one template (glance.c) */
+
+/* What may be there: its mean light (size), and the directions (ranks, size) in which that varies: each as long as the root of
+ * the share of its variance that is not noise. */
+typedef struct {
+    const float *mean, *directions;
+    ptrdiff_t ranks;
+} GlanceHypothesis;
+
+/* Samples are where `lines` across meet those down, `along` (lines) 0..1 from the panel's first corner; `size` is their number,
+ * padded to eights. Of light, about dark in units of bright less dark: the cells' gains (cells², size) and the WAYS in which a
+ * homography can be wrong (8, size), by least squares. */
+typedef struct {
+    ptrdiff_t cells, lines, size;
+    const float *along, *gains, *ways;
+    const uint8_t *inside; /* (size) whether it is in the panel */
+    GlanceHypothesis panel, texture;
+    double independent, log_volume; /* samples whose noise is; ln of how many more pictures may be a panel's than texture's */
+} GlanceTemplate;
+
+/* A candidate: its corners, and where a panel there fits best; how much likelier that is than texture, in nats. */
+typedef struct {
+    double corners[8], moved[8], side_px, evidence;
+} Glimpse;
+
+enum { LEDPI_GLIMPSE = 18 };
+
+/* What is looked at. Where a pyramid (count) has bands `bridged`, too the picture that shows them (else no pixels): there part of
+ * a panel is darker than by `most_dimmed` of what is bright. */
+typedef struct {
+    const PyramidPicture *pyramid;
+    ptrdiff_t count;
+    PyramidPicture bridged;
+    double most_dimmed;
+} GlancePictures;
+
+ptrdiff_t ledpi_glance(const GlanceTemplate *glance, const GlancePictures *in, double smallest_px, float *work, ptrdiff_t most,
+                       Glimpse *glimpses);
+
 /* ---- A panel's picture, fitted to light (panel_fit.c) */
 
 typedef struct {

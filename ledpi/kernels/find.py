@@ -1,14 +1,17 @@
-"""Squares in the pictures of a pyramid (find.c), and panels by the lattices of their cells (lattice_squares.c)."""
+"""Squares in the pictures of a pyramid (find.c), panels by the lattices of their cells (lattice_squares.c), and a
+glance at all of them (glance.c).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ledpi.core.records import Floats, Pixels
-from ledpi.kernels.library import ffi, lib, pointer
+from ledpi.core.records import Floats, Mask, Pixels
+from ledpi.kernels.library import NONE, ffi, lib, pointer
 
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 MOST_LATTICE_SQUARES = 1024
@@ -63,3 +66,92 @@ class LatticeSearcher:
             *(pointer(self._room), len(self._corners), pointer(self._corners)),
         )
         return self._corners[:count]
+
+
+class Hypothesis(NamedTuple):
+    """What may be there: its mean light (samples,), what varies in it (K, samples), and the volume of that, in nats.
+
+    Light y of covariance v·I + A·Aᵀ has squares over it of |y|² less those of y along the directions, each as long as
+    the root of the share of its variance that is not v (Woodbury).
+    """
+
+    mean: Floats
+    directions: Floats
+    log_volume: float
+
+
+class Template(NamedTuple):
+    """A panel's picture. Gains and ways are dot products with its light less the mean, by least squares."""
+
+    along: Floats  # (lines,) of the grid of samples, across and down, 0..1 from a panel's first corner
+    inside: Mask  # (samples,) whether it is in the panel
+    gains: Floats  # (cells², samples) each cell's gain, less the mean
+    ways: Floats  # (8, samples) in which a homography is wrong
+    panel: Hypothesis
+    texture: Hypothesis
+    independent: float  # samples, of those whose noise is the same as their neighbours'
+
+
+class Glancer:
+    """Glances at candidates by one template, in room that it keeps."""
+
+    def __init__(self, cells: int, smallest_px: float, template: Template) -> None:
+        """`smallest_px`: of a candidate's side, which is not looked at where it is less."""
+        self._smallest_px = smallest_px
+        lines, samples = len(template.along), len(template.along) ** 2
+        self._padded = -(-samples // 16) * 16
+        self._work = np.empty((3, self._padded), np.float32)
+        self._glimpses = np.empty((2 * (MOST_SQUARES + MOST_LATTICE_SQUARES), lib.LEDPI_GLIMPSE))
+        self._kept: list[NDArray[Any]] = []
+        self._template = ffi.new("GlanceTemplate *")
+        self._template[0] = {
+            "cells": cells,
+            "lines": lines,
+            "size": self._padded,
+            "along": self._keep(np.append(template.along, np.zeros(8))),
+            "gains": self._keep(self._pad(template.gains)),
+            "ways": self._keep(self._pad(template.ways)),
+            "inside": self._keep(self._pad(template.inside), np.uint8),
+            "panel": self._hypothesis(template.panel),
+            "texture": self._hypothesis(template.texture),
+            "independent": template.independent,
+            "log_volume": template.panel.log_volume - template.texture.log_volume,
+        }
+
+    def look(
+        self, pyramid: Sequence[Pixels], found: Sequence[Floats], bridged: Pixels | None, most_dimmed: float
+    ) -> tuple[Floats, Floats, Floats]:
+        """Of those `found`, corners (N, 4, 2) each, the different ones, as seen in the `pyramid`; the largest first.
+
+        Their corners where a panel fits best (K, 4, 2), sides in pixels (K,), and how much likelier a panel is there
+        than texture, in nats (K,); until the next. Of a picture whose bands are `bridged` in the pyramid corners
+        are as they were: what is not dimmed there in part, to this share, is none.
+        """
+        count = 0
+        for corners in found:
+            self._glimpses[count : count + len(corners), :8] = corners.reshape(-1, 8)
+            count += len(corners)
+        pictures = ffi.new("PyramidPicture[]", [(pointer(picture), *picture.shape) for picture in pyramid])
+        shown = (NONE, 0, 0) if bridged is None else (pointer(bridged), *bridged.shape)
+        kept = lib.ledpi_glance(
+            *(
+                self._template,
+                ffi.new("GlancePictures *", (pictures, len(pyramid), shown, most_dimmed)),
+                self._smallest_px,
+            ),
+            *(pointer(self._work), count, ffi.cast("Glimpse *", pointer(self._glimpses))),
+        )
+        seen = self._glimpses[:kept]
+        return (seen[:, 8:16] if bridged is None else seen[:, :8]).reshape(-1, 4, 2), seen[:, 16], seen[:, 17]
+
+    def _hypothesis(self, of: Hypothesis) -> dict[str, Any]:
+        mean, directions = self._keep(self._pad(of.mean)), self._keep(self._pad(of.directions))
+        return {"mean": mean, "directions": directions, "ranks": len(of.directions)}
+
+    def _pad(self, of_samples: NDArray[Any]) -> NDArray[Any]:
+        none = [(0, 0)] * (of_samples.ndim - 1)
+        return np.pad(of_samples, [*none, (0, self._padded - of_samples.shape[-1])])
+
+    def _keep(self, array: NDArray[Any], dtype: Any = np.float32) -> Any:
+        self._kept.append(np.ascontiguousarray(array, dtype))
+        return pointer(self._kept[-1])

@@ -103,4 +103,8 @@ typedef struct {
 Bands ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
                          float ridge, double phases[2]);
 
+/* Corners of a square that reaches from `low` to `high`, (across, down) each, in −1..1, once the homography has been wrong by
+ * these WAYS (panel_corners.c). */
+void ledpi_panel_move(const double h[9], const double *ways, const double low[2], const double high[2], Point corners[4]);
+
 #endif

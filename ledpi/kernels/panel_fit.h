@@ -61,10 +61,6 @@ bool ledpi_panel_solve_step(Fitting *fit, Work *work);
 /* Takes the step. Returns how far it moves the homography. */
 double ledpi_panel_take_step(Fitting *fit, const double h[9], Work *work);
 
-/* Corners of a square that reaches from `low` to `high`, (across, down) each, in −1..1, once the homography has been wrong by
- * these WAYS (panel_corners.c). */
-void ledpi_panel_move(const double h[9], const double *ways, const double low[2], const double high[2], Point corners[4]);
-
 /* Corners of what is lit, and how many cells of each side (left, right, above, below) something hides. */
 void ledpi_panel_put_lit(Fitting *fit, const double h[9], double hidden[4]);
 

@@ -109,7 +109,8 @@ class LikelihoodPath:
         Of a frame that is alone a candidate that is no panel as it stands, though its corners are certain, may end in a
         dark band: then its ends are moved. In a stream the next frame's bands are elsewhere.
         """
-        candidates = deque(self._agenda.schedule(self._propose(frame, work)))
+        proposed = self._propose(frame, work)
+        candidates = deque(self._agenda.schedule(proposed) if self._stream else [one for one in proposed if one.likely])
         while candidates and self._locator.spent < most:
             candidate = candidates.popleft()
             if self._tracker.is_followed(candidate.corners_px):

@@ -16,6 +16,7 @@ from ledpi.core import shutter
 from ledpi.core.records import Floats, Frame, PanelSpec, Singles
 from ledpi.decode.cells import CellSamples
 
+MAX_ROOM_LIGHT = 2.0  # of a panel's own in the mean of its bands: a brighter room hides the deepest
 FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
 # Bands that are deeper, or one of whose harmonics is more than this share of the fundamental, are no sinusoids. (The
 # third is a tenth of it at 10 ms, and a third where the fundamental nearly vanishes, as it does at 800 µs.)
@@ -25,6 +26,12 @@ FAINT_DEPTH, MOST_HARMONIC = 0.1, 0.2
 def band_depth(frame: Frame, specs: Sequence[PanelSpec]) -> float:
     """Of the deepest bands that this exposure leaves of any of these panels, over the mean light."""
     return max(shutter.contrast(hz, frame.exposure_us, spec.duty) for spec in specs for hz in spec.waves_hz) / 2.0
+
+
+def dimmest(frame: Frame, specs: Sequence[PanelSpec]) -> float:
+    """Light where the deepest of these bands are darkest over that where they are brightest, in the brightest room."""
+    lit, depth = 1.0 + MAX_ROOM_LIGHT, band_depth(frame, specs)
+    return (lit - depth) / (lit + depth)
 
 
 def band_prior(frame: Frame, spec: PanelSpec) -> Floats:

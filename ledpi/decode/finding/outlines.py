@@ -67,12 +67,12 @@ class Finder:
         levels = list(zip(self._levels, _SHORTEST, (_FINE, _COARSE, _COARSE), _SHARES, strict=True))
         self._searcher = SquareSearcher(levels, smallest_px, cells, Limits())
 
-    def find(self, frame: Frame) -> tuple[list[Floats], list[Rejected]]:
-        """Corners (4, 2) of distinct things, the best outline first; and what was dropped."""
+    def find(self, frame: Frame) -> tuple[Floats, list[Rejected]]:
+        """Corners (N, 4, 2) of distinct things, the best outline first; and what was dropped."""
         self._shrink(frame)
         squares, (at_border, not_four_sided, too_small) = self._searcher.search()
         dropped = [AT_BORDER] * at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
-        return list(squares[:, :8].reshape(-1, 4, 2)), dropped
+        return squares[:, :8].reshape(-1, 4, 2), dropped
 
     def pyramid(self, frame: Frame) -> list[Pixels]:
         """The frame that was searched last, and the same in halves, quarters …"""

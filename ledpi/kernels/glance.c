@@ -1,0 +1,217 @@
+/* A glance at candidates: how much likelier a panel is there than smooth texture, by one fixed template.
+ *
+ * On the picture of a pyramid where a cell has 5 to 10 pixels all panels look alike. So slopes and the projection onto them are
+ * the same in every round of every candidate (inverse composition; Baker and Matthews, Lucas-Kanade 20 years on, 2004): a round is
+ * as many dot products as there are unknowns. decode/finding/glance.py makes the template, and derives what is likely enough. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "panel.h"
+#include "simd.h"
+
+enum { ROUNDS = 3 };
+enum { MOST = 256 }; /* that are looked at: what has more is texture */
+#define SAME 0.25 /* of a cell: candidates no further apart lead to the same fit */
+#define LEAST_CELL 5.0 /* pixels, of the smallest picture in which a candidate is looked at */
+#define DARKEST 0.05 /* quantiles: of the light around, what is taken for dark; of that within, for the panel's own */
+#define BRIGHT 0.8
+#define MOST_MOVE 0.1 /* of half the side, in a round: as far as the slopes hold */
+#define SMALL_MOVE 0.004 /* a hundredth of a cell: it is there */
+#define LEAST_GAIN 0.2 /* of a panel's own light: what moves it is divided by no less */
+#define FARTHEST 3.0 /* sizes of the picture */
+
+static LEDPI_INLINE float product(const float *a, const float *b, ptrdiff_t count) {
+    Eight one = {0}, other = {0};
+    ptrdiff_t i = 0;
+    for (; i + 16 <= count; i += 16) {
+        one += *(const Eight *)(a + i) * *(const Eight *)(b + i);
+        other += *(const Eight *)(a + i + 8) * *(const Eight *)(b + i + 8);
+    }
+    for (; i < count; i += 8) one += *(const Eight *)(a + i) * *(const Eight *)(b + i);
+    one += other;
+    return ((one[0] + one[4]) + (one[1] + one[5])) + ((one[2] + one[6]) + (one[3] + one[7]));
+}
+
+static double side_of(const double *c) {
+    return sqrt(0.5 * fabs((c[4] - c[0]) * (c[7] - c[3]) - (c[6] - c[2]) * (c[5] - c[1])));
+}
+
+static ptrdiff_t level_of(const PyramidPicture *pictures, ptrdiff_t count, double cell) {
+    ptrdiff_t level = 0;
+    while (level + 1 < count && cell / (double)(2 << level) >= LEAST_CELL && pictures[level + 1].height > 1 && pictures[level + 1].width > 1)
+        level++;
+    return level;
+}
+
+/* Puts the samples (lines²) of a square's picture, by straight lines between pixels. */
+static LEDPI_INLINE void put_seen(const GlanceTemplate *t, const PyramidPicture *picture, double scale, const double h[9], float *seen) {
+    const float right = (float)(picture->width - 1), bottom = (float)(picture->height - 1);
+    const float size = (float)(1.0 / scale), off = 0.5f * size - 0.5f;
+    for (ptrdiff_t j = 0; j < t->lines; j++) {
+        const float v = t->along[j];
+        const float a = (float)(h[1] * v + h[2]), b = (float)(h[4] * v + h[5]), c = (float)(h[7] * v + h[8]);
+        for (ptrdiff_t i = 0; i < t->lines; i += LEDPI_WIDTH) {
+            const Eight u = *(const Eight *)(t->along + i), w = size / ((float)h[6] * u + c);
+            const Eight x = ((float)h[0] * u + a) * w + off, y = ((float)h[3] * u + b) * w + off;
+            for (ptrdiff_t lane = 0; lane < LEDPI_WIDTH && i + lane < t->lines; lane++) {
+                const float across = x[lane] > 0.0f ? fminf(x[lane], right) : 0.0f, down = y[lane] > 0.0f ? fminf(y[lane], bottom) : 0.0f;
+                const ptrdiff_t column = (ptrdiff_t)fminf(across, right - 1.0f), row = (ptrdiff_t)fminf(down, bottom - 1.0f);
+                const uint8_t *const above = picture->pixels + row * picture->width + column, *const below = above + picture->width;
+                const float of = across - (float)column;
+                const float upper = (float)above[0] + of * (float)(above[1] - above[0]), lower = (float)below[0] + of * (float)(below[1] - below[0]);
+                seen[j * t->lines + i + lane] = upper + (down - (float)row) * (lower - upper);
+            }
+        }
+    }
+}
+
+static float quantile(const int32_t counts[256], double share) {
+    int32_t total = 0, sum = 0, level = 0;
+    for (int i = 0; i < 256; i++) total += counts[i];
+    const int32_t at = (int32_t)(share * total);
+    while (level < 255 && (sum += counts[level]) <= at) level++;
+    return (float)level;
+}
+
+/* Grey levels: of what is bright in a panel and what is dimmed there, and of what is dark around. */
+typedef struct {
+    float dark, dimmed, bright;
+} Levels;
+
+static LEDPI_INLINE Levels levels_of(const GlanceTemplate *t, const float *seen) {
+    int32_t counts[2][256];
+    memset(counts, 0, sizeof counts);
+    for (ptrdiff_t i = 0; i < t->lines * t->lines; i++) counts[t->inside[i]][(int)seen[i] & 255]++;
+    const float bright = quantile(counts[1], BRIGHT), dimmed = quantile(counts[1], DARKEST);
+    for (int i = 0; i < 256; i++) counts[0][i] += counts[1][i];
+    return (Levels){quantile(counts[0], DARKEST), dimmed, bright};
+}
+
+/* Squares of the light about a hypothesis' mean, over its variance: what the `ranks` directions in which it varies explain
+ * taken off (Woodbury). */
+static LEDPI_INLINE float squares_of(const GlanceTemplate *t, const GlanceHypothesis *of, const float *light, float *about) {
+    for (ptrdiff_t i = 0; i < t->size; i++) about[i] = light[i] - of->mean[i];
+    float left = product(about, about, t->size);
+    for (ptrdiff_t k = 0; k < of->ranks; k++) {
+        const float explained = product(of->directions + k * t->size, about, t->size);
+        left -= explained * explained;
+    }
+    return left;
+}
+
+/* Moves a square as its light has it. False once that is hardly anything, or beyond all bounds. */
+static LEDPI_INLINE bool moves(const GlanceTemplate *t, const double h[9], const float *light, double farthest, float *about, Point corners[4]) {
+    double ways[WAYS], gain = 0.0, most = 0.0;
+    for (ptrdiff_t i = 0; i < t->size; i++) about[i] = light[i] - t->panel.mean[i];
+    for (ptrdiff_t k = 0; k < t->cells * t->cells; k++) gain += 1.0 + product(t->gains + k * t->size, about, t->size);
+    gain = fmax(gain / (double)(t->cells * t->cells), LEAST_GAIN);
+    for (ptrdiff_t k = 0; k < WAYS; k++) {
+        ways[k] = product(t->ways + k * t->size, about, t->size) / gain;
+        most = fmax(most, fabs(ways[k]));
+    }
+    if (!(most > SMALL_MOVE)) return false;
+    const double share = fmin(1.0, MOST_MOVE / most);
+    for (int k = 0; k < WAYS; k++) ways[k] *= share;
+    ledpi_panel_move(h, ways, (double[]){-1.0, -1.0}, (double[]){1.0, 1.0}, corners);
+    for (int i = 0; i < 4; i++)
+        if (!(fabs(corners[i].x) < farthest && fabs(corners[i].y) < farthest)) return false;
+    return true;
+}
+
+/* How much likelier a panel is than texture, both of a variance that nothing is known of. */
+static double evidence_of(const GlanceTemplate *t, double panel, double texture) {
+    return 0.5 * (t->independent * log(texture / panel) - t->log_volume);
+}
+
+LEDPI_SIMD static void glance(const GlanceTemplate *t, const GlancePictures *in, float *work, Glimpse *of) {
+    float *const seen = work, *const light = seen + t->size, *const about = light + t->size;
+    const ptrdiff_t level = level_of(in->pyramid, in->count, of->side_px / (double)t->cells);
+    const PyramidPicture *const picture = in->pyramid + level;
+    const double farthest = FARTHEST * fmax((double)in->pyramid->height, (double)in->pyramid->width);
+    Point corners[4];
+    double h[9];
+    memcpy(corners, of->corners, sizeof corners);
+    memcpy(of->moved, corners, sizeof corners);
+    of->evidence = -INFINITY;
+    if (picture->height < 2 || picture->width < 2) return;
+    for (int round = 0;; round++) {
+        ledpi_unit_square_homography(corners, h);
+        for (int i = 0; i < 9; i++)
+            if (!isfinite(h[i])) return;
+        if (round == 0 && in->bridged.pixels) {
+            put_seen(t, &in->bridged, 1.0, h, seen);
+            const Levels there = levels_of(t, seen);
+            if (there.dimmed > (float)in->most_dimmed * there.bright) return;
+        }
+        put_seen(t, picture, (double)(1 << level), h, seen);
+        const Levels here = levels_of(t, seen);
+        if (!(here.bright > here.dark)) return;
+        for (ptrdiff_t i = 0; i < t->size; i++) light[i] = i < t->lines * t->lines ? (seen[i] - here.dark) / (here.bright - here.dark) : 0.0f;
+        if (round == 0 || round == ROUNDS) {
+            const double evidence = evidence_of(t, squares_of(t, &t->panel, light, about), squares_of(t, &t->texture, light, about));
+            if (evidence > of->evidence) {
+                of->evidence = evidence;
+                memcpy(of->moved, corners, sizeof of->moved);
+            }
+        }
+        if (round == ROUNDS) return;
+        if (!moves(t, h, light, farthest, about, corners)) round = ROUNDS - 1;
+    }
+}
+
+static int larger_first(const void *one, const void *other) {
+    const double a = ((const Glimpse *)one)->side_px, b = ((const Glimpse *)other)->side_px;
+    return (a < b) - (a > b);
+}
+
+static int likelier_first(const void *one, const void *other) {
+    const double a = ((const Glimpse *)one)->evidence, b = ((const Glimpse *)other)->evidence;
+    return (a < b) - (a > b);
+}
+
+/* Whether each corner of one square is near one of the other's, in whichever order both are. */
+static bool are_near(const double *one, const double *other, double near) {
+    for (int i = 0; i < 4; i++) {
+        bool found = false;
+        for (int j = 0; j < 4 && !found; j++)
+            found = ledpi_length(one[2 * i] - other[2 * j], one[2 * i + 1] - other[2 * j + 1]) < near;
+        if (!found) return false;
+    }
+    return true;
+}
+
+/* Of those that lead to one fit the first is kept. Returns how many are. */
+static ptrdiff_t keep_distinct(const GlanceTemplate *t, bool moved, ptrdiff_t count, Glimpse *glimpses) {
+    ptrdiff_t kept = 0;
+    for (ptrdiff_t i = 0; i < count; i++) {
+        const Glimpse own = glimpses[i];
+        bool is_new = true;
+        for (ptrdiff_t j = 0; j < kept && is_new; j++) {
+            const Glimpse *const other = glimpses + j;
+            const double near = SAME * own.side_px / (double)t->cells;
+            is_new = !(fabs(own.side_px - other->side_px) < 2.0 * near && are_near(moved ? own.moved : own.corners, moved ? other->moved : other->corners, near));
+        }
+        if (is_new) glimpses[kept++] = own;
+    }
+    return kept;
+}
+
+/* Looks at those of `glimpses` (most), of which the corners are given, that are not smaller than `smallest_px`. Returns how many
+ * different ones there are, of those that lead to one fit the likeliest; the largest first, as a texture's are small. `work` (3, template's size). */
+ptrdiff_t ledpi_glance(const GlanceTemplate *t, const GlancePictures *in, double smallest_px, float *work, ptrdiff_t most,
+                       Glimpse *glimpses) {
+    ptrdiff_t large = 0;
+    for (ptrdiff_t i = 0; i < most; i++) {
+        Glimpse own = glimpses[i];
+        own.side_px = side_of(own.corners);
+        if (own.side_px >= smallest_px && isfinite(own.side_px)) glimpses[large++] = own;
+    }
+    qsort(glimpses, (size_t)large, sizeof *glimpses, larger_first);
+    large = keep_distinct(t, false, large < MOST ? large : MOST, glimpses);
+    for (ptrdiff_t i = 0; i < large; i++) glance(t, in, work, glimpses + i);
+    qsort(glimpses, (size_t)large, sizeof *glimpses, likelier_first);
+    large = keep_distinct(t, !in->bridged.pixels, large, glimpses);
+    qsort(glimpses, (size_t)large, sizeof *glimpses, larger_first);
+    return large;
+}
