@@ -153,13 +153,14 @@ def test_a_picture_that_does_not_fit_is_refused(image: Any, said: str, tmp_path:
     assert isinstance(caught.value, ledpi.LedpiError)
 
 
-def test_a_stream_keeps_its_size(near: Pixels) -> None:
+def test_a_stream_keeps_its_size() -> None:
     """A smaller picture in between is refused, and the stream goes on."""
     stream = reader(lens=None).stream(row_time_us=ROW_TIME_US)
-    stream.read(near, time_ns=0)
+    (first, first_ns), (second, second_ns) = pictures(2, distance_m=NEAR_M)
+    stream.read(first, time_ns=first_ns)
     with pytest.raises(ledpi.PictureError, match=r"must be 640 × 480 pixels, as the stream began, not 320 × 240"):
-        stream.read(near[:240, :320], time_ns=1)
-    assert [marker.id for marker in stream.read(near, time_ns=17_000_000)] == [7]
+        stream.read(first[:240, :320], time_ns=first_ns + 1)
+    assert [marker.id for marker in stream.read(second, time_ns=second_ns)] == [7]
 
 
 @pytest.mark.parametrize(
