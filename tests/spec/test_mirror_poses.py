@@ -27,7 +27,7 @@ PANELS = load_config(None, ("panels.side_m=0.16",)).panels
 SENSOR = SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=whole_rows_us(10_000, 33.67), row_time_us=33.67)
 PERIOD_S = SENSOR.frame_length_rows * SENSOR.row_time_us * 1e-6
 BEFORE, AFTER = 10, 6  # frames that show the panel on either side of the gap
-TURNED_DEG = 3.0  # no nearer to the true pose than this, and nearer to its mirror image, is the mirror image
+TURNED_DEG = 3.0  # a pose that is turned further than this from the true one is not an error of the fit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,7 +70,7 @@ def one_pass(seed: int) -> tuple[Scene, list[int]]:
 
 
 def mirror_poses_alone(seed: int) -> tuple[int, int]:
-    """Of one pass: poses after the gap that are not told beside the true one and nearer to its mirror image; all."""
+    """Of one pass: the poses after the gap that are turned, and told without the true one; and all of them."""
     scene, shown = one_pass(seed)
     renderer = Renderer(scene, seed=seed)
     pipeline = Pipeline(sensor_info(SENSOR), PANELS, intrinsics=SENSOR.intrinsics)
@@ -92,7 +92,10 @@ def _off_deg(solution: PlanarSolution, quaternion_wxyz: Floats) -> float:
     return rotation_angle_deg(solution.camera_from_marker.quaternion_wxyz, quaternion_wxyz)
 
 
-@pytest.mark.parametrize("seeds", [range(5), pytest.param(range(200), marks=pytest.mark.slow)])
+SLOW = [pytest.param(range(first, first + 50), marks=pytest.mark.slow) for first in range(0, 200, 50)]
+
+
+@pytest.mark.parametrize("seeds", [range(5), *SLOW])
 def test_after_a_gap_the_mirror_pose_is_not_sent_alone(seeds: range) -> None:
     """The panel's yaw changes its sign meanwhile. Memory then says nothing, and the frames decide."""
     passes = [mirror_poses_alone(seed) for seed in seeds]
