@@ -65,8 +65,9 @@ def open_port(port: str, baud: int, *, read_timeout_s: float = 0.0) -> serial.Se
         return _OwnPort(port, baud, timeout=read_timeout_s, exclusive=True)
     except (OSError, ValueError, termios.error) as error:
         why = reason(error)
-    if why == _IN_USE and (holder := who_holds(glob.escape(port))) is not None:
-        why = f"{why}, {holder}"
+    if why == _IN_USE:
+        holder = who_holds(glob.escape(port))
+        why = f"{why}, {holder or 'not seen from here: `sudo fuser -v` names it'}"
     raise WireError(f"{port}: cannot be opened: {why}")
 
 
@@ -78,6 +79,13 @@ def _is_terminal(port: str) -> bool:
     found = os.stat(port)
     major, minor = os.major(found.st_rdev), os.minor(found.st_rdev)
     return stat.S_ISCHR(found.st_mode) and (major == 5 or (major == 4 and minor < 64))
+
+
+def _unseen(port: str) -> str:
+    """Of a holder that is another user's."""
+    said = f"which `sudo fuser -v {port}` names"
+    is_pty = os.path.realpath(port).startswith("/dev/pts/")  # its TIOCEXCL stays after a process that was killed
+    return f"{said}; if it names none, close the other end of this pty" if is_pty else said
 
 
 def reason(error: Exception) -> str:

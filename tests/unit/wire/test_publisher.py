@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
 import select
@@ -20,6 +21,8 @@ from typing import Any
 import pytest
 
 from ledpi.config.settings import SerialSettings
+from ledpi.core.errors import WireError
+from ledpi.core.holder import who_holds
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage
 from ledpi.wire.codec import DELIMITER, encode
 from ledpi.wire.line import SerialLine
@@ -450,6 +453,23 @@ def test_nobody_else_may_open_it(far_end: FarEnd) -> None:
     assert refused()
     line.close()
     assert not refused()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to be another user")
+def test_a_holder_that_cannot_be_seen_is_to_be_looked_for(far_end: FarEnd) -> None:
+    """Another user's, as the service sees it: how to find out is said."""
+    os.chmod(far_end.path, 0o666)
+    fcntl.ioctl(far_end.fileno(), termios.TIOCEXCL)
+    who_holds(far_end.path)  # what it imports, the other user might not be able to read
+    child = os.fork()
+    if child == 0:
+        os.setuid(65534)
+        try:
+            SerialLine(far_end.path, 115200)
+        except WireError as error:
+            os._exit(0 if f"in use by another process, which `sudo fuser -v {far_end.path}` names" in str(error) else 1)
+        os._exit(2)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 def test_closing_it_resets_no_controller(far_end: FarEnd) -> None:
