@@ -66,8 +66,7 @@ def open_port(port: str, baud: int, *, read_timeout_s: float = 0.0) -> serial.Se
     except (OSError, ValueError, termios.error) as error:
         why = reason(error)
     if why == _IN_USE:
-        holder = who_holds(glob.escape(port))
-        why = f"{why}, {holder or 'not seen from here: `sudo fuser -v` names it'}"
+        why = f"{why}, {who_holds(glob.escape(port)) or _unseen(port)}"
     raise WireError(f"{port}: cannot be opened: {why}")
 
 
