@@ -118,7 +118,7 @@ def _views_in(folder: Path, board: Board) -> _Found:
             try:
                 picture = read_grey(path)
             except CalibrationError as error:
-                broken.append(f"{error}: left out")
+                broken.append(str(error))
                 continue
             height, width = picture.shape
             first = first or (path.name, width, height)
@@ -135,9 +135,11 @@ def _views_in(folder: Path, board: Board) -> _Found:
                 if others[other] >= MIN_OTHER_BOARD_PICTURES:  # the search for what is not there takes long
                     break
             advance(1)
+    if first is None:
+        raise CalibrationError(broken[0])
     for line in broken:
-        typer.echo(line, err=True)
-    if first is None or not views:
+        typer.echo(f"{line}; it is left out", err=True)
+    if not views:
         raise CalibrationError(f"{folder}: {_no_board(board, len(paths) - len(broken), others)}")
     if (note := finder.note(board)) is not None:
         typer.echo(note, err=True)
@@ -166,17 +168,17 @@ def _picture_files(folder: Path) -> list[Path]:
 
 
 def _report(result: CameraCalibration) -> None:
-    from ledpi.tools.calibrate.camera import PARAMETERS
+    from ledpi.tools.calibrate.camera import parameters
     from ledpi.tools.calibrate.coverage import corner_counts, places_without_corners
 
     for view in result.used:
         typer.echo(f"{view.name}  {view.rms_px:.2f} px")
     for view in result.dropped:
         typer.echo(f"{view.name}  {view.rms_px:.2f} px  left out: the other views contradict it")
-    typer.echo(f"{len(result.used)} views used, rms {result.rms_px:.3f} px")
     i = result.intrinsics
+    typer.echo(f"{len(result.used)} views used, rms {result.rms_px:.3f} px, lens {i.distortion_model}")
     values = (i.fx, i.fy, i.cx, i.cy, *i.distortion)
-    for name, value, sigma in zip(PARAMETERS, values, result.deviations, strict=True):
+    for name, value, sigma in zip(parameters(i), values, result.deviations, strict=True):
         digits, unit = (1, " px") if name[0] in "fc" else (4, "")
         spread = f"± {sigma:.{digits}f}{unit}" if sigma > 0 else "(held: the views show none)"
         typer.echo(f"{name} {value:9.{digits}f} {spread}")

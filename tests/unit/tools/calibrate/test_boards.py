@@ -95,6 +95,6 @@ def test_hidden_and_broken_files_are_no_end(
     (folder / "05b.png").write_bytes((folder / "05.png").read_bytes()[:2000])
     status, out, err = run("views", "--cols", "6", "--rows", "5")
     assert status == 0, err
-    assert "05b.png: is not a picture that can be decoded: left out" in err
+    assert "05b.png: is not a picture that can be decoded; it is left out" in err
     assert "._00" not in out + err
     assert Path("camera.yaml").is_file()
