@@ -86,7 +86,7 @@ REASONS: dict[str, Explained] = {
     "capture.timestamp": Explained("a frame has no time, or one that is not after the last", ""),
     "capture.exposure": Explained("the camera did not expose as asked", "set what the camera can do"),
     "capture.repeated": Explained(
-        "the camera gave the very same picture again, with a new time",
+        "the camera gave the very same picture again, with a new time; no pose is made of it",
         "its driver hangs: unplug it, or start the machine anew",
     ),
     "capture.unreadable": Explained("a picture of a recording cannot be read (or truncated, or of the wrong_size)", ""),

@@ -80,13 +80,13 @@ def test_a_daemon_with_other_settings_than_these_is_told() -> None:
 class Flickering(MadeUpDaemon):
     """Of two pictures one shows its panel, and the other only that something is there."""
 
-    def picture(self, seq: int) -> Pixels:  # type: ignore[override]
+    def picture(self, seq: int) -> Pixels:
         """Also what the rest of this answer, and the next one, tell."""
         was_read = "markers" not in self.frame
         dropped = {"corners_px": PANEL["corners_px"], "why": "identify.not_in_dictionary"}
         self.extra = {} if was_read else {"rejected": [dropped]}
         self.frame = {"markers": []} if was_read else {}
-        return MadeUpDaemon.picture(seq)
+        return super().picture(seq)
 
 
 def test_a_panel_that_one_of_the_pictures_shows_is_read(tmp_path: Path) -> None:
