@@ -56,7 +56,7 @@ def _open_device(config: Config, kind: str, place: str) -> Camera:
         if kind == "picamera2":
             from ledpi.camera.picamera import open_picamera
 
-            return open_picamera(config.camera, config.panels.frequencies_hz())
+            return open_picamera(config.camera, config.panels.frequencies_hz(), int(place or 0))
         from ledpi.camera.v4l2 import open_v4l2
 
         return open_v4l2(config.camera, place)

@@ -30,8 +30,8 @@ _BUFFERS = ASKED_AHEAD + 1 + 3  # those asked for, one more in picamera2, and th
 _INSTALL = "sudo apt install python3-picamera2, and a virtual environment with --system-site-packages"
 
 
-def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> PicameraCamera:
-    """Opens, configures and starts the first camera. `frequencies_hz`: what the panels blink at.
+def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float], number: int = 0) -> PicameraCamera:
+    """Opens, configures and starts the camera that picamera2 calls `number`. `frequencies_hz`: what panels blink at.
 
     Raises CameraLostError where there is no camera, it is in use or fails as it starts, CameraError where it does not
     do what was asked.
@@ -43,7 +43,7 @@ def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> 
         )
     libcamera, picamera2 = _import_picamera2()
     try:
-        return _open(libcamera, picamera2, settings, frequencies_hz)
+        return _open(libcamera, picamera2, settings, frequencies_hz, number)
     except (LedpiError, *FAILURES):
         raise
     except Exception as error:  # what another version does not know, or does otherwise
@@ -51,16 +51,20 @@ def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> 
 
 
 def _open(
-    libcamera: ModuleType, picamera2: ModuleType, settings: CameraSettings, frequencies_hz: Sequence[float]
+    libcamera: ModuleType,
+    picamera2: ModuleType,
+    settings: CameraSettings,
+    frequencies_hz: Sequence[float],
+    number: int,
 ) -> PicameraCamera:
-    model = first_model(libcamera)
+    model = model_of(libcamera, number)
     try:
         tuning = picamera2.Picamera2.load_tuning_file(f"{model}.json")
         linear, colour_gains = linear_tuning(tuning), white_gains(tuning)
     except (RuntimeError, ValueError) as error:
         raise CameraError(f"picamera2: libcamera's tuning file {model}.json cannot be used: {error}") from None
     try:
-        picam2 = picamera2.Picamera2(0, tuning=linear)
+        picam2 = picamera2.Picamera2(number, tuning=linear)
     except FAILURES as error:
         holder = who_holds("/dev/media*") or "`sudo fuser -v /dev/media*` tells if another process holds it"
         why = error.__cause__ or error
@@ -82,8 +86,8 @@ def _open(
         raise
 
 
-def first_model(libcamera: ModuleType) -> str:
-    """The sensor of the camera that picamera2 calls number 0, as "ov5647".
+def model_of(libcamera: ModuleType, number: int) -> str:
+    """The sensor of the camera that picamera2 calls by that number, as "ov5647".
 
     libcamera reads its tuning files when its camera manager starts, so the manager that is asked here must be gone
     before `Picamera2(tuning=…)` is made, which starts another; it ends with the last reference to it. Asking anew also
@@ -99,7 +103,10 @@ def first_model(libcamera: ModuleType) -> str:
         raise CameraLostError(f"picamera2: the cameras cannot be listed ({error})") from None
     if not found:
         raise CameraLostError("picamera2: no camera found; check the cable, and see rpicam-hello --list-cameras")
-    return str(max(found)[1])  # picamera2 sorts so
+    if number >= len(found):
+        there = ", ".join(f"picamera2:{k} ({model})" for k, (_, model) in enumerate(sorted(found, reverse=True)))
+        raise CameraLostError(f"picamera2:{number}: there is no such camera; there is {there}")
+    return str(sorted(found, reverse=True)[number][1])  # picamera2 sorts so
 
 
 def _import_picamera2() -> tuple[ModuleType, ModuleType]:

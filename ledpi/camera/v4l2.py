@@ -106,7 +106,8 @@ def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:
             "camera.row_time_us: must be a number, as V4L2 cannot tell; `ledpi calibrate shutter` measures it"
         )
     _stat_node(device)
-    capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
+    # By its node, which a name below /dev/v4l/by-id or by-path leads to; that may be another each time.
+    capture = cv2.VideoCapture(os.path.realpath(device), cv2.CAP_V4L2)
     if not capture.isOpened():
         if os.major(_stat_node(device).st_rdev) != _VIDEO_MAJOR:  # looked at anew, as it may have gone meanwhile
             raise CameraError(f"camera.source: {device} is no video device; see v4l2-ctl --list-devices")

@@ -30,16 +30,18 @@ def bridge(
     from ledpi.config.settings import find_config, load_config
     from ledpi.core.errors import ConfigError
     from ledpi.runtime.reporting import log_to_standard_error
+    from ledpi.tap.of_config import of_config
 
     log_to_standard_error()
     settings = load_config(find_config(config), tuple(set_), without_file=("panels.side_m=1",))
-    if settings.tap.socket is None:
+    socket_path = of_config(settings)
+    if socket_path is None:
         raise ConfigError("tap.socket: is null, so the daemon tells nothing; must be auto, or the daemon's path")
     if name not in settings.outputs:
         known = ", ".join(settings.outputs) or "none"
         raise ConfigError(f"outputs.{name}: is not in the configuration; it has: {known}")
     target = open_target(name, settings.outputs[name])
-    running = Bridge(name, target, str(settings.tap.socket), settings.serial.max_age_ms)
+    running = Bridge(name, target, socket_path, settings.serial.max_age_ms)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: running.stop())
     running.run()

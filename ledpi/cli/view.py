@@ -37,6 +37,7 @@ def view(
     from ledpi.config.settings import find_config, load_config
     from ledpi.core.errors import ConfigError
     from ledpi.runtime.reporting import log_to_standard_error
+    from ledpi.tap.of_config import of_config
     from ledpi.view.hub import Hub
 
     log_to_standard_error()
@@ -44,9 +45,10 @@ def view(
     file = find_config(config)
     settings = load_config(file, tuple(set_), without_file=("panels.side_m=1",))
     _warn_of_readable_token(settings, file)
-    if settings.tap.socket is None:
+    socket_path = of_config(settings)
+    if socket_path is None:
         raise ConfigError("tap.socket: is null, so the daemon shows nothing; must be auto, or the daemon's path")
-    hub = Hub(str(settings.tap.socket))
+    hub = Hub(socket_path)
     server, token = _open(settings.view, hub)
     ending = {signal.SIGINT, signal.SIGTERM}
     signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # from here on they wait to be waited for

@@ -47,7 +47,9 @@ def _known_source(source: object) -> object:
         kind, _, rest = source.partition(":")
         if source in ("picamera2", "simulated") or (kind in ("recording", "v4l2") and rest):
             return source
-    raise ValueError("must be picamera2, simulated, recording:PATH or v4l2:/dev/videoN")
+        if kind == "picamera2" and rest.isascii() and rest.isdigit() and len(rest) == 1:
+            return source
+    raise ValueError("must be picamera2, picamera2:N, simulated, recording:PATH or v4l2:/dev/videoN")
 
 
 class CameraSettings(Section):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from ledpi.config.values import is_ip
 
 MAX_BODY_BYTES = 4096
+TELLS = ("/api/", "/metrics")  # what is more than the page itself
 _SAME = ("same-origin", "none")  # of Sec-Fetch-Site: the page itself, or an address that a person has typed
 
 HEADERS = {
@@ -47,8 +48,8 @@ class Guard:
         return (
             self._host(headers.get("host", ""))
             or _body(headers)
-            or (_site(headers) if path.startswith("/api/") else None)
-            or (self._secret(headers) if path.startswith("/api/") else None)
+            or (_site(headers) if path.startswith(TELLS) else None)
+            or (self._secret(headers) if path.startswith(TELLS) else None)
         )
 
     def _host(self, host: str) -> Refusal | None:

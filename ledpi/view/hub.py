@@ -92,6 +92,11 @@ class Hub:
                 "map": None if self._hello is None else panels_from_above(self._hello),
             }
 
+    def health(self) -> dict[str, Any] | None:
+        """The newest; None where no daemon tells."""
+        with self._changed:
+            return self._health if self._link()["state"] == "up" else None
+
     def history(self) -> dict[str, Any]:
         """Health of the last minutes, and the robot's track, both oldest first."""
         with self._changed:

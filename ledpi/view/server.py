@@ -25,6 +25,8 @@ from ledpi.view.board import BoardWatch, board_of
 from ledpi.view.connections import BoundedServer, Hurried
 from ledpi.view.guard import HEADERS, Guard, Refusal
 from ledpi.view.hub import SAVED_S, Hub
+from ledpi.view.metrics import KIND as METRICS
+from ledpi.view.metrics import metrics
 from ledpi.view.pictures import KINDS
 
 WAIT_S = 2.0  # that a question waits for news
@@ -147,6 +149,10 @@ class Handler(BaseHTTPRequestHandler):
         state = self.server.hub.state(_whole(query, "after"), WAIT_S)
         self._send(200, JSON, self._encoded(state))
 
+    def answer_metrics(self, query: dict[str, str], body: bytes) -> None:
+        """For Prometheus."""
+        self._send(200, METRICS, metrics(self.server.hub.health()).encode())
+
     def answer_nothing(self, query: dict[str, str], body: bytes) -> None:
         """Browsers ask for an icon."""
         self._send(204, TEXT, b"")
@@ -255,6 +261,7 @@ def _whole(query: dict[str, str], key: str) -> int:
 
 _ANSWERS: dict[tuple[str, str], Callable[[Handler, dict[str, str], bytes], None]] = {
     ("GET", "/favicon.ico"): Handler.answer_nothing,
+    ("GET", "/metrics"): Handler.answer_metrics,
     ("GET", "/api/frame"): Handler.answer_frame,
     ("GET", "/api/frame.png"): Handler.answer_png,
     ("GET", "/api/state"): Handler.answer_state,

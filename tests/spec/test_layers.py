@@ -41,6 +41,7 @@ PURE = [
     "ledpi.view.encode",
     "ledpi.view.guard",
     "ledpi.view.lines",
+    "ledpi.view.metrics",
     "ledpi.ros.contents",
     "ledpi.tools.calibrate.bands",
     "ledpi.tools.calibrate.boards",

@@ -14,6 +14,7 @@ from ledpi.core.errors import TapError
 from ledpi.core.wording import shortened_name
 from ledpi.tap.client import Client, connect
 from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, settings_of, why_not_of
+from ledpi.tap.of_config import of_config
 from ledpi.tools.doctor import ports
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 from ledpi.tools.doctor.in_view import findings_of
@@ -31,10 +32,11 @@ UNDER_VOLTAGE, THROTTLED = 1 << 0, 1 << 2  # bits of the Pi's `vcgencmd get_thro
 
 def connected(config: Config) -> Client | None:
     """To the daemon that has the camera of this configuration; None where none runs, or another camera is asked for."""
-    if config.tap.socket is None:
+    socket_path = of_config(config)
+    if socket_path is None:
         return None
     try:
-        tap = connect(config.tap.socket)
+        tap = connect(socket_path)
     except TapError:
         return None
     if tap.hello.get("camera", {}).get("source") == config.camera.source:

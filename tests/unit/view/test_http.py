@@ -545,3 +545,31 @@ def _all(connection: socket.socket) -> bytes:
     except ConnectionResetError:  # what was sent and not read is lost with the connection
         pass
     return got
+
+
+def test_metrics_are_read_by_prometheus_own_parser(site: Site, daemon: MadeUpDaemon) -> None:
+    """Counters, reasons, state; without a daemon only that there is none."""
+    parser = pytest.importorskip("prometheus_client.parser")
+    site.state_once("up")
+    wait_until(lambda: b"ledpi_decoded" in site.ask("GET", "/metrics").body)
+    answer = site.ask("GET", "/metrics")
+    assert answer.headers["Content-Type"].startswith("text/plain; version=0.0.4")
+    found = {
+        (sample.name, *sample.labels.values()): sample.value
+        for family in parser.text_string_to_metric_families(answer.body.decode())
+        for sample in family.samples
+    }
+    assert found["ledpi_up",] == 1.0
+    assert found["ledpi_decoded_frames_total",] == 100.0
+    assert found["ledpi_latency_seconds", "worst"] == 0.006
+    assert found["ledpi_serial_connected",] == 1.0
+    assert found["ledpi_state", "running", "no_map"] == 1.0
+    daemon.close()
+    site.state_once("down")
+    assert site.ask("GET", "/metrics").body.decode().splitlines()[-1] == "ledpi_up 0"
+
+
+def test_metrics_need_the_token(site: Site) -> None:
+    """As all that is told."""
+    assert site.ask("GET", "/metrics", {}).status == 401
+    assert site.ask("GET", "/metrics").status == 200

@@ -1,0 +1,56 @@
+"""The daemon's health as Prometheus' text format 0.0.4. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+KIND = "text/plain; version=0.0.4; charset=utf-8"
+# Name, type, help, and where the tap's `health` has it.
+_PLAIN = (
+    ("uptime_seconds", "gauge", "Since the daemon started", ("uptime_s",)),
+    ("frames_total", "counter", "Frames that the camera gave", ("frames",)),
+    ("decoded_frames_total", "counter", "Frames that were decoded", ("decoded",)),
+    ("dropped_frames_total", "counter", "Frames that came too soon after one another", ("dropped_frames",)),
+    ("panels_in_view", "gauge", "Panels in the newest frame", ("in_view",)),
+    ("temperature_celsius", "gauge", "Of the processor", ("temperature_c",)),
+    ("packets_total", "counter", "Packets on the serial line", ("wire", "packets")),
+    ("dropped_poses_total", "counter", "Poses that did not reach the serial line", ("wire", "dropped")),
+    ("serial_connected", "gauge", "1 where the serial port is open", ("wire", "connected")),
+)
+
+
+def metrics(health: dict[str, Any] | None) -> str:
+    """All figures of a `health` line; without one (no daemon answers) only `ledpi_up`, which is 0 then."""
+    lines = _family("up", "gauge", "1 where the daemon answers", [("", health is not None)])
+    if health is None:
+        return "\n".join(lines) + "\n"
+    for name, kind, about, path in _PLAIN:
+        lines += _family(name, kind, about, [("", _at(health, path))])
+    latency = health.get("latency_ms") or {}
+    seconds = [(f'{{of="{key}"}}', latency[key] / 1e3) for key in ("median", "worst") if key in latency]
+    lines += _family("latency_seconds", "gauge", "Read-out to decoded, in the last second", seconds)
+    rejected = [(f'{{reason="{_quoted(key)}"}}', count) for key, count in health.get("rejected", {}).items()]
+    lines += _family("rejected_total", "counter", "By reason (docs/troubleshooting.md)", rejected)
+    states = [(f'{{state="{_quoted(health.get("state"))}",no_fix="{_quoted(health.get("no_fix"))}"}}', 1)]
+    lines += _family("state", "gauge", "What the daemon does, and why there is no fix", states)
+    return "\n".join(lines) + "\n"
+
+
+def _family(name: str, kind: str, about: str, samples: Iterable[tuple[str, Any]]) -> list[str]:
+    """Nothing where no value is known."""
+    known = [(labels, value) for labels, value in samples if isinstance(value, int | float)]
+    if not known:
+        return []
+    head = [f"# HELP ledpi_{name} {about}", f"# TYPE ledpi_{name} {kind}"]
+    return head + [f"ledpi_{name}{labels} {value + 0}" for labels, value in known]  # a truth value becomes a number
+
+
+def _at(values: Any, path: tuple[str, ...]) -> Any:
+    for key in path:
+        values = values.get(key) if isinstance(values, dict) else None
+    return values
+
+
+def _quoted(value: object) -> str:
+    return str(value).replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
