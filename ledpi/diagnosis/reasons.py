@@ -70,8 +70,8 @@ REASONS: dict[str, Explained] = {
     "suppression.same_panel": Explained("two squares for one panel; the better one is kept", ""),
     "pose.unsolved": Explained("no pose in front of the camera fits the corners", "calibrate the lens"),
     "pose.not_square": Explained(
-        "the corners are not those of a square, by more than 4 % of the side",
-        "calibrate the lens; check that the grid is square",
+        "no pose of a square explains the corners: they are off by 5 % of the side or so",
+        "calibrate the lens; check that the grid is square, and that nothing bright touches it",
     ),
     "fix.not_in_map": Explained("no panel in view is in the map", "add it to the map"),
     "fix.ambiguous": Explained(

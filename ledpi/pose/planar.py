@@ -5,21 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.core.geometry import rotation_angle_deg
+from ledpi.core.geometry import matrix_from_quaternion, quad_side, quaternion_from_matrix, rotation_angle_deg
 from ledpi.core.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
 from ledpi.kernels import pose as kernel
-from ledpi.pose.corners import whiteners
+from ledpi.kernels.lens import projected
+from ledpi.pose.corners import FLOOR_PX, whiteners
 from ledpi.pose.refine import STOP
 
 UNSOLVED = Rejected(stage="pose", reason="unsolved")
 NOT_SQUARE = Rejected(stage="pose", reason="not_square")
 
-# No square looks like four corners that its best pose misses by more: a share of the side, as at short exposure the
-# rim's dark bands hide where it is, or a pixel.
-MAX_REPROJECTION, MAX_REPROJECTION_PX = 0.04, 1.0
+# Of the side: corners that err by more, once what no pose explains of them is in their errors, tell of no square. Where
+# a side has four cells it is a fifth of one; a fit's corners err by an eighth at most.
+MAX_SIGMA = 0.05
 # Where the refinement led both to one pose (a panel seen square on has but one): closer than this.
 SAME_DEG = 0.1
 # Eight coordinates less the six numbers of a pose; and the χ² that these exceed by chance once in a hundred times.
@@ -43,16 +45,17 @@ def solve_squares(
     plane-based pose estimation (Collins & Bartoli, IJCV 2014) gives both solutions of a square: the homography's value
     and slope at its centre give the pose but for a sign. Least squares, weighted as the corners' errors hang together,
     makes the best of each, and the covariance is (JᵀWJ)⁻¹ there; larger where corners that no pose explains show that
-    they err by more than they say.
+    they err by more than they say. A minimum that is alone has its mirror image beside it.
     """
     found, solved = kernel.solve_squares(corners_px, whiteners(covariances_px2), np.array(sides_m), intrinsics, STOP)
     both = [
         (_solution(one), _solution(other)) if there else None
         for (one, other), there in zip(found, solved.tolist(), strict=True)
     ]
+    squares = [_Square(*seen, intrinsics) for seen in zip(corners_px, covariances_px2, sides_m, strict=True)]
     return [
-        UNSOLVED if solutions is None else _checked(*solutions, corners, side_m, intrinsics)
-        for solutions, corners, side_m in zip(both, corners_px, sides_m, strict=True)
+        UNSOLVED if solutions is None else _checked(*solutions, square)
+        for solutions, square in zip(both, squares, strict=True)
     ]
 
 
@@ -76,38 +79,63 @@ def solve_square(
     return solve_squares(corners_px[None], covariance_px2[None], [side_m], intrinsics)[0]
 
 
-def _least_reprojection_px(corners_px: Floats, side_m: float, lens: Intrinsics) -> float:
-    """Of the pose that is nearest in pixels. The weighted one may be far off corners of which little is known."""
-    found, _ = kernel.solve_squares(corners_px[None], whiteners(np.zeros((1, 8, 8))), np.array([side_m]), lens, STOP)
-    return float(found[0, :, kernel.REPROJECTION].min())
+class _Square(NamedTuple):
+    """A square as it is seen."""
+
+    corners_px: Floats  # (4, 2)
+    covariance_px2: Floats  # (8, 8)
+    side_m: float
+    lens: Intrinsics
 
 
-def _checked(
-    one: PlanarSolution, other: PlanarSolution, corners_px: Floats, side_m: float, lens: Intrinsics
-) -> Solutions | Rejected:
+def _checked(one: PlanarSolution, other: PlanarSolution, square: _Square) -> Solutions | Rejected:
     best, second = (one, other) if one.chi2 <= other.chi2 else (other, one)
     if not best.camera_from_marker.position_m[2] > 0:
         return UNSOLVED
-    if best.reprojection_px > MAX_REPROJECTION_PX:
-        corners = corners_px.tolist()
-        side_px = math.fsum(math.dist(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)) / 4
-        most_px = MAX_REPROJECTION * side_px
-        if best.reprojection_px > most_px and _least_reprojection_px(corners_px, side_m, lens) > most_px:
-            return NOT_SQUARE
+    least_deg = SAME_DEG
+    if not (_apart_deg(best, second) > SAME_DEG and second.camera_from_marker.position_m[2] > 0):
+        second = _mirrored(best, square)  # which the deviations include where it is within them
+        least_deg = max(SAME_DEG, math.degrees(math.sqrt(np.trace(_covariance(best)[3:, 3:]))))
     if best.chi2 > SURPRISING:
         ratio = 1.0 + (best.chi2 - SURPRISING) / FREEDOM
-        best, second = _inflate_covariance(best, ratio), _inflate_covariance(second, ratio)
-    poses = best.camera_from_marker, second.camera_from_marker
-    apart = rotation_angle_deg(poses[0].quaternion_wxyz, poses[1].quaternion_wxyz)
-    ahead = poses[1].position_m[2] > 0
-    return (best, second) if ahead and apart > SAME_DEG else (best,)
+        side_px = quad_side(square.corners_px.tolist())
+        variance_px2 = FLOOR_PX**2 + float(np.trace(square.covariance_px2)) / 8.0
+        if ratio * variance_px2 > (MAX_SIGMA * side_px) ** 2:
+            return NOT_SQUARE
+        best, second = _scaled(best, ratio), _scaled(second, ratio)
+    return (best, second) if _apart_deg(best, second) > least_deg else (best,)
 
 
-def _inflate_covariance(solution: PlanarSolution, ratio: float) -> PlanarSolution:
-    """Its variances so many times as large: as corners err that no pose explains.
+def _apart_deg(one: PlanarSolution, other: PlanarSolution) -> float:
+    return rotation_angle_deg(one.camera_from_marker.quaternion_wxyz, other.camera_from_marker.quaternion_wxyz)
 
-    The camera moves, of which a single frame knows nothing, or something hides one of them.
-    """
+
+def _covariance(solution: PlanarSolution) -> Floats:
+    covariance = solution.camera_from_marker.covariance
+    assert covariance is not None
+    return covariance
+
+
+def _mirrored(solution: PlanarSolution, square: _Square) -> PlanarSolution:
+    """The pose in which a square far away looks the same: half a turn about the line of sight, and about its own z."""
     pose = solution.camera_from_marker
-    assert pose.covariance is not None
-    return replace(solution, camera_from_marker=replace(pose, covariance=read_only(ratio * pose.covariance)))
+    sight = pose.position_m / np.linalg.norm(pose.position_m)
+    turned = (2.0 * np.outer(sight, sight) - np.eye(3)) @ matrix_from_quaternion(pose.quaternion_wxyz)
+    rotation = turned * (-1.0, -1.0, 1.0)
+    mirror = replace(pose, quaternion_wxyz=read_only(quaternion_from_matrix(rotation)))
+    seen_px, _ = projected(square_corners(square.side_m) @ rotation.T + pose.position_m, square.lens)
+    off_px = (square.corners_px - seen_px).ravel()
+    left = whiteners(square.covariance_px2[None])[0] @ off_px
+    return PlanarSolution(
+        camera_from_marker=mirror, reprojection_px=float(np.linalg.norm(off_px)) / 2.0, chi2=float(left @ left)
+    )
+
+
+def _scaled(solution: PlanarSolution, ratio: float) -> PlanarSolution:
+    """A solution by corners whose variances are so many times as large: they err as no pose explains.
+
+    Something moved them that is in no covariance: what hides a side, the lens, a camera that shakes.
+    """
+    covariance = read_only(ratio * _covariance(solution))
+    pose = replace(solution.camera_from_marker, covariance=covariance)
+    return replace(solution, camera_from_marker=pose, chi2=solution.chi2 / ratio)
