@@ -95,7 +95,7 @@ def _open(settings: ViewSettings, hub: Hub) -> tuple[ViewServer, str]:
     host, port = settings.address
     token = settings.token or secrets.token_urlsafe(24)
     own = socket.gethostname().lower()
-    guard = Guard(token=token, names=frozenset({"localhost", own, f"{own}.local"}))
+    guard = Guard(token=token, names=frozenset({"localhost", own, f"{own}.local", *settings.hosts}))
     try:
         return ViewServer((host, port), guard, hub), token
     except OSError as error:

@@ -20,6 +20,7 @@ from ledpi.config.renamed import rename_method
 from ledpi.config.values import (
     Angles,
     GainOrAuto,
+    HostName,
     Listen,
     MaxAgeMs,
     Microseconds,
@@ -117,6 +118,7 @@ class ViewSettings(Section):
 
     listen: Listen = "127.0.0.1:8088"
     token: Token | None = None
+    hosts: tuple[HostName, ...] = ()  # further names that the page is asked for by
 
     @property
     def address(self) -> tuple[str, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import math
+import re
 from collections.abc import Callable, Sequence, Sized
 from typing import Annotated, Literal, TypeVar
 
@@ -85,6 +86,16 @@ def _address(listen: object) -> object:
 
 
 Listen = Annotated[str, BeforeValidator(_address)]
+
+
+def _host_name(name: object) -> object:
+    label = r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?"
+    if isinstance(name, str) and len(name) <= 253 and re.fullmatch(rf"{label}(\.{label})*", name.lower()):
+        return name.lower()
+    raise ValueError("must be a name alone, as robot.lan: no address, no port, no *")
+
+
+HostName = Annotated[str, BeforeValidator(_host_name)]
 Token = Annotated[str, Field(min_length=12, max_length=200, pattern=r"^[A-Za-z0-9._~+/=-]+$")]
 
 

@@ -56,19 +56,19 @@ export async function download(path, name) {
   }
 }
 
-$("save").addEventListener("click", () => change("/api/save", "Saving the last seconds…", (told) => `Saved on the daemon's machine: ${told.path}`));
+$("save").addEventListener("click", () => change("api/save", "Saving the last seconds…", (told) => `Saved on the daemon's machine: ${told.path}`));
 $("record").addEventListener("click", async () => {
-  if (recording) await change("/api/record_stop", "Ending the recording…", (told) => `Recorded on the daemon's machine${told.path ? `: ${told.path}` : ""}`);
-  else await change("/api/record", "Starting…", () => "It records, until you stop it, or for ten minutes.");
+  if (recording) await change("api/record_stop", "Ending the recording…", (told) => `Recorded on the daemon's machine${told.path ? `: ${told.path}` : ""}`);
+  else await change("api/record", "Starting…", () => "It records, until you stop it, or for ten minutes.");
 });
-$("keep").addEventListener("click", () => download("/api/frame.png", `ledpi-frame-${shownFrame().seq}.png`));
+$("keep").addEventListener("click", () => download("api/frame.png", `ledpi-frame-${shownFrame().seq}.png`));
 $("forget").addEventListener("click", forgetBest);
 $("ask-why").addEventListener("click", () => choose("whynot"));
 
 $("config").addEventListener("toggle", async () => {
   if (!$("config").open) return;
   try {
-    const keys = await (await ask("/api/config")).json();
+    const keys = await (await ask("api/config")).json();
     $("keys").replaceChildren(...keys.map(({ key, value, from }) => {
       const row = document.createElement("tr");
       cells(row, [key, value === null ? "null" : typeof value === "object" ? JSON.stringify(value) : String(value), from]);

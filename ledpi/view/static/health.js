@@ -24,7 +24,7 @@ for (const chart of CHARTS) {
 let past = [];
 export async function loadHistory() {
   try {
-    const told = await (await ask("/api/history")).json();
+    const told = await (await ask("api/history")).json();
     past = told.health;
     setTrack(told.track);
   } catch { /* it is asked again after the next interruption; until then what comes is kept here */ }

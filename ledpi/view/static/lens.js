@@ -8,7 +8,7 @@ export async function nextBoard() {
   if (!$("board").open) {
     await new Promise((done) => $("board").addEventListener("toggle", done, { once: true }));
   }
-  tellBoard(await (await ask("/api/board")).json());
+  tellBoard(await (await ask("api/board")).json());
   await pause(400);
 }
 
@@ -33,10 +33,10 @@ $("board-form").addEventListener("submit", async (event) => {
   event.preventDefault();
   const asked = new URLSearchParams({ kind: $("board-kind").value, cols: $("board-cols").value, rows: $("board-rows").value });
   try {
-    tellBoard(await (await ask(`/api/board/start?${asked}`, "POST")).json());
+    tellBoard(await (await ask(`api/board/start?${asked}`, "POST")).json());
   } catch (error) {
     $("board-says").textContent = `Not done: ${error.message}`;
   }
 });
-$("board-stop").addEventListener("click", () => ask("/api/board/stop", "POST").then((answer) => answer.json()).then(tellBoard, () => {}));
-$("lens").addEventListener("click", () => download("/api/camera.yaml", "camera.yaml"));
+$("board-stop").addEventListener("click", () => ask("api/board/stop", "POST").then((answer) => answer.json()).then(tellBoard, () => {}));
+$("lens").addEventListener("click", () => download("api/camera.yaml", "camera.yaml"));

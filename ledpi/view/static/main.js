@@ -13,7 +13,7 @@ const SILENT_MS = 5000; // after which `ledpi view` is taken to have ended
 
 let version = -1;
 async function nextState() {
-  const state = await (await ask(`/api/state?after=${version}`)).json();
+  const state = await (await ask(`api/state?after=${version}`)).json();
   version = state.version;
   if (tellLink(state)) {
     forgetBest();

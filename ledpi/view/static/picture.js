@@ -25,7 +25,7 @@ export async function nextPicture() {
     return;
   }
   const shown = kind(), asked = performance.now();
-  const answer = await ask(`/api/frame?kind=${shown}&after=${frame && frame.kind === shown ? frame.number : -1}`);
+  const answer = await ask(`api/frame?kind=${shown}&after=${frame && frame.kind === shown ? frame.number : -1}`);
   if (answer.status === 204) return;
   const data = await answer.arrayBuffer(), got = performance.now();
   const size = new DataView(data).getUint32(0);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import re
 import signal
 import socket
 from contextlib import closing
@@ -11,10 +12,12 @@ from pathlib import Path
 
 import pytest
 
+import ledpi.cli.view as command
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.view import guard
 from ledpi.view.guard import Guard
+from ledpi.view.hub import Hub
 from tests.builders.command import complaint, in_process
 from tests.builders.view import view
 
@@ -61,6 +64,33 @@ def test_what_is_no_token_is_told(token: str) -> None:
     """Short ones can be guessed; others cannot be sent in a header."""
     with pytest.raises(ConfigError, match=r"view\.token: (must be|is too short)"):
         load_config(None, (GIVEN, f"view.token={token}"))
+
+
+def test_a_proxy_may_ask_by_its_own_name() -> None:
+    """`view.hosts` are names that the page is asked for by, besides this machine's own; any other is refused."""
+    settings = load_config(None, (GIVEN, "view.listen=127.0.0.1:0", "view.hosts=[Robot.lan]")).view
+    server, token = command._open(settings, Hub("/nowhere"))
+    server.server_close()
+    right = {"authorization": f"Bearer {token}"}
+    assert server.guard.refuse("/api/state", {"host": "robot.lan", **right}) is None
+    assert server.guard.refuse("/api/state", {"host": "ROBOT.LAN:8443", **right}) is None
+    refused = server.guard.refuse("/api/state", {"host": "evil.example", **right})
+    assert refused is not None
+    assert refused.status == 421
+
+
+@pytest.mark.parametrize("name", ["robot.lan:8443", "http://robot.lan", "'*'", "-robot", "robot..lan", "''", "7"])
+def test_what_is_no_host_s_name_is_told(name: str) -> None:
+    """A name alone."""
+    with pytest.raises(ConfigError, match=r"view\.hosts\.0: must be a name alone, as robot\.lan"):
+        load_config(None, (GIVEN, f"view.hosts=[{name}]"))
+
+
+def test_the_page_asks_for_nothing_from_the_root() -> None:
+    """Below any path of a proxy's, as https://robot.lan/ledpi/: all that it asks for is relative to itself."""
+    for file in (Path(guard.__file__).parent / "static").iterdir():
+        text = file.read_text(encoding="utf-8")
+        assert not re.findall(r"""(?:href|src)=["']/|["'`]/(?:api|[a-z]+\.(?:js|css))|from "/""", text), file.name
 
 
 def test_tokens_are_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -> None:
