@@ -3,7 +3,7 @@
     python -m benchmarks.results [--takes 60] [--decoys 300] [--workers 2] [--out DIR] [--page FILE]
 
 The suite wild of `ledpi evaluate`, its decoys, and the contest of benchmarks/speed/panels.py. What DIR holds already,
-of the same code, is not run again; so a run that is broken off goes on where it was.
+of the same code, is not run again; so an interrupted run resumes.
 """
 
 from __future__ import annotations

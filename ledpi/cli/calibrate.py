@@ -35,7 +35,9 @@ def status(
     from ledpi.tools.calibrate.status import next_command, parts
 
     settings, file = settings_for(config, [], None)
-    typer.echo(f"of {file}" if file is not None else "no config.yaml: of the defaults")
+    typer.echo(
+        f"of {file}" if file is not None else "no config.yaml; these are the defaults (ledpi config init writes one)"
+    )
     found = list(parts(settings, date.today()))
     for part in found:
         typer.echo(f"  {part.name:8} {part.text}")

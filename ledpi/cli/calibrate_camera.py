@@ -43,10 +43,9 @@ def camera(
     gets its name, unless the views are a recording's or the simulator's.
 
     Live, it says how to hold the board next, sets exposure and gain by it, and takes each view by itself once the
-    board is at rest; Ctrl-C ends early. A recording is looked at in the same way. Pictures in a folder must be of
-    the very camera, at the width and height that config.yaml asks for: 15 or more, all over the field of view,
-    tilted by 20° to 40° to different sides. Views that contradict the others are named and left out. The squares'
-    size does not matter.
+    board is at rest; Ctrl-C ends early. A recording is looked at in the same way. Pictures in a folder must be from
+    this camera, at the width and height in config.yaml: 15 or more, all over the field of view, tilted by 20° to 40° to
+    different sides. Views that contradict the others are named and left out. The squares' size does not matter.
 
     Example: ledpi calibrate camera pictures --board chessboard --cols 9 --rows 6
     """

@@ -28,9 +28,9 @@ def doctor(
 ) -> None:
     """One page of ✓ and ✗, each ✗ with what to do.
 
-    What has a · could not be looked at here, or may be no fault. It also looks for panels, and says why one is not
-    read. Exit status 0 where `ledpi run` would run with this configuration, else 1. A daemon that runs here, and has
-    the camera, is asked; else the camera must be free.
+    · means: could not be checked, or may be fine. It also looks for panels, and says why one is not read. If a daemon
+    runs here and has the camera, it asks the daemon; else the camera must be free. Exit status 0 if `ledpi run` would
+    run with this configuration, else 1.
 
     Example: ledpi doctor --config /etc/ledpi/config.yaml
     """

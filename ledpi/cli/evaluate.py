@@ -62,7 +62,9 @@ def _method(name: str) -> MethodName:
 
 @app.command()
 def evaluate(
-    out: Path = typer.Option(Path("evaluation"), "--out", metavar="DIR", help="Folder of the results; goes on in it."),
+    out: Path = typer.Option(
+        Path("evaluation"), "--out", metavar="DIR", help="Folder of the results. An interrupted run in it resumes."
+    ),
     suite: list[SuiteName] = typer.Option([], help="May be repeated. Default: paper and beyond."),
     frames: int | None = typer.Option(
         None, min=1, help="Of each condition: takes that are judged; of decoys, frames. Default: 300; of wild, 400."
@@ -94,7 +96,7 @@ def evaluate(
     """How often and how exactly panels are read; false IDs on decoys.
 
     Frames are rendered, with a seed; or they are those of a recording, whose panel's distance and angle are
-    given. Results go to DIR: results.csv, evaluation.md, plots. A run that is broken off goes on where it was.
+    given. Results go to DIR: results.csv, evaluation.md, plots. An interrupted run resumes.
 
     Example: ledpi evaluate --out far --suite beyond --frames 300 --method likelihood --method stream
 

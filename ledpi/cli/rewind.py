@@ -20,8 +20,8 @@ def rewind(
 ) -> None:
     """Save the running daemon's last seconds as a recording.
 
-    The daemon goes on meanwhile. It writes where it may (/var/lib/ledpi-takes as a service), and from there the
-    recording is copied to OUT; of a service with sudo, as only root may read what it writes. `ledpi decode --as-live
+    The daemon goes on meanwhile. It writes to its own folder (/var/lib/ledpi-takes for the service). With OUT, the
+    recording is then copied there; use sudo for a service, since only root can read its folder. `ledpi decode --as-live
     OUT` gives what was decoded live; its first second may differ. Without a tap: systemctl kill -s USR1 ledpi.
 
     Example: ledpi rewind takes/what-was-that

@@ -26,9 +26,8 @@ def run(
     Each second one line on standard error says how it goes; as a service, each minute. SIGHUP reads the
     configuration again; where it is bad, the old one stays. SIGUSR1 saves the last seconds as a recording.
 
-    Exit status 0 after a signal or at the end of a replay, 2 where it cannot start before a person puts the
-    configuration or a file right, 1 where the camera is not there, in use or lost for good, or anything else fails
-    later, so that a service manager tries again.
+    Exit status 0: ended by a signal, or at the end of a replay. 2: the configuration or a file is wrong. 1: the camera
+    is absent, in use or lost, or something failed later; a service manager tries again.
 
     Example: ledpi run --set camera.source=simulated --set serial.port=/tmp/robot
     """

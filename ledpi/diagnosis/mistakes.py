@@ -51,7 +51,7 @@ def of_dictionary(word: int, other: Dictionary, configured: Dictionary) -> Mista
     """A word of another dictionary than the configured one."""
     return Mistake(
         f"looks like ID {word} of {other.name}",
-        f"panels.dictionary is {configured.name}: one of the two must follow the other",
+        f"panels.dictionary is {configured.name}: change the panel or this setting so that they match",
     )
 
 

@@ -85,8 +85,8 @@ class WhatIf:
         def says(marker_id: int) -> Mistake:
             return Mistake(
                 f"looks like ID {marker_id} that blinks at about {black_hz:.0f} and {white_hz:.0f} Hz",
-                f"panels.black_hz and panels.white_hz are {asked}: one of the two must follow the other "
-                "(ledpi calibrate panel measures what is near)",
+                f"panels.black_hz and panels.white_hz are {asked}: change the panel's firmware or these two settings "
+                "so that they match (ledpi calibrate panel measures what is near)",
             )
 
         guess = self._guess(says, {"black_hz": black_hz, "white_hz": white_hz})

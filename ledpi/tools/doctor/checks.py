@@ -87,9 +87,9 @@ def _map(config: Config) -> Finding:
     try:
         panels = load_robot(config).panels
     except LedpiError as error:
-        return bad("map", str(error), "put it right, or make one with `ledpi calibrate map`", stops_daemon=True)
+        return bad("map", str(error), "correct it, or make one with `ledpi calibrate map`", stops_daemon=True)
     if panels is None:
-        return unknown("map", "map is not set: panels' poses are sent, but not the robot's place")
+        return unknown("map", "map is not set: panel positions are sent, no robot position")
     strangers = unreadable_note(config, panels)
     if strangers:
         return bad("map", strangers, "correct their IDs, panels.dictionary or panels.ids")

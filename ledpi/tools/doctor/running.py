@@ -131,13 +131,13 @@ def _exposure(hello: dict[str, Any]) -> Finding | None:
             f"{exposure_us:.0f} µs are at a null of {weak}: such bands all but vanish",
             "exposure × frequency must be near a whole number and a half: ledpi panel design",
         )
-    return ok("exposure", f"{exposure_us:.0f} µs show the bands of {panels.spec().blinking()}")
+    return ok("exposure", f"{exposure_us:.0f} µs: bands at {panels.spec().blinking()} are visible")
 
 
 def _map(hello: dict[str, Any]) -> Finding:
     panels = hello.get("map")
     if not panels:
-        return unknown("map", "none: panels have poses, the robot has no place")
+        return unknown("map", "no map: panel positions only, no robot position")
     return ok("map", f"{len(panels)} panel{'s' * (len(panels) > 1)}")
 
 

@@ -41,6 +41,7 @@ async function change(path, doing, done) {
     if (error instanceof LoginNeeded) login();
     line.textContent = error instanceof LoginNeeded ? "The token is wrong." : `Not done: ${error.message}`;
   }
+  return line;
 }
 
 export async function download(path, name) {
@@ -57,9 +58,12 @@ export async function download(path, name) {
 }
 
 $("save").addEventListener("click", () => change("api/save", "Saving the last seconds…", (told) => `Saved on the daemon's machine: ${told.path}`));
+let recordingSays = null; // the line that says how it ends
 $("record").addEventListener("click", async () => {
-  if (recording) await change("api/record_stop", "Ending the recording…", (told) => `Recorded on the daemon's machine${told.path ? `: ${told.path}` : ""}`);
-  else await change("api/record", "Starting…", () => "It records, until you stop it, or for ten minutes.");
+  if (recording) {
+    recordingSays?.remove();
+    await change("api/record_stop", "Ending the recording…", (told) => `Recorded on the daemon's machine${told.path ? `: ${told.path}` : ""}`);
+  } else recordingSays = await change("api/record", "Starting…", () => "Recording. It stops when you click Stop, or after ten minutes.");
 });
 $("keep").addEventListener("click", () => download("api/frame.png", `ledpi-frame-${shownFrame().seq}.png`));
 $("forget").addEventListener("click", forgetBest);
