@@ -5,23 +5,19 @@ Each value carries the time at which its pose was true, on NetworkTables' clock,
 
 from __future__ import annotations
 
+import json
 import struct
 import time
+from collections.abc import Callable
 from typing import Any
 
 import ntcore
-import numpy as np
 
-from ledpi.bridge.payload import pose_of
+from ledpi.bridge import photon
 from ledpi.bridge.target import Line, TargetLostError
+from ledpi.bridge.wpilib_poses import camera_link_from_tag, pose_of
 from ledpi.config.outputs import OutputSettings
-from ledpi.core.geometry import (
-    CAMERA_LINK_FROM_CAMERA,
-    FACING_FROM_MARKER,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-)
-from ledpi.core.records import Floats, Pose
+from ledpi.core.records import Pose
 from ledpi.wire.message import wire_pose
 
 OPEN_S = 0.25  # that one look for the server takes; ntcore itself goes on looking
@@ -43,6 +39,8 @@ class NtTarget:
         self._address = settings.address
         self._where = "{}:{}".format(*settings.address)
         self._table = f"/{settings.topic}"
+        self._photon_camera = settings.photon_camera
+        self._size = (640, 480)  # of the picture
         self._instance: Any = None
         self._publishers: dict[str, Any] = {}
 
@@ -60,7 +58,7 @@ class NtTarget:
             time.sleep(0.01)
 
     def tell_setup(self, hello: Line) -> None:
-        """Nothing: each value stands for itself."""
+        self._size = hello["camera"]["width"], hello["camera"]["height"]
 
     def send(self, frame: Line, now_ns: int) -> bool:
         self._check()
@@ -71,6 +69,8 @@ class NtTarget:
         if robot is not None:
             self._put_pose("robot", pose_of(robot), robot, now_ns)
         self._put("ids", "IntegerArray", [marker["id"] for marker in markers], _nt_time(frame, now_ns))
+        if self._photon_camera is not None:
+            self._put_photon(frame, now_ns)
         self._instance.flush()
         return True
 
@@ -105,41 +105,40 @@ class NtTarget:
             self._put(f"{name}/std_devs", "DoubleArray", [*wire.deviation_m, *wire.deviation_rad], at_us)
         self._put(f"{name}/pose", "Raw", POSE3D.pack(*wire.position_m, *wire.quaternion_wxyz), at_us)
 
+    def _put_photon(self, frame: Line, now_ns: int) -> None:
+        """On PhotonVision's own topics; the camera counts as connected while its heartbeat goes on."""
+        offset_us, published_us = self._instance.getServerTimeOffset() or 0, int(ntcore._now())
+        captured_us = _nt_time(frame, now_ns) + offset_us
+        table = f"/photonvision/{self._photon_camera}"
+        raw = self._publisher(f"{table}/rawBytes", _publish_photon, "Raw")
+        raw.set(photon.packet(frame, self._size, captured_us, published_us + offset_us), published_us)
+        beat = self._publisher(f"{table}/heartbeat", _publish, "Integer")
+        beat.set(frame["seq"], published_us)
+
     def _put(self, name: str, kind: str, value: object, at_us: int) -> None:
+        self._publisher(f"{self._table}/{name}", _publish_pose if kind == "Raw" else _publish, kind).set(value, at_us)
+
+    def _publisher(self, name: str, publish: Callable[[Any, Any], Any], kind: str) -> Any:
         publisher = self._publishers.get(name)
         if publisher is None:
-            topic = getattr(self._instance, f"get{kind}Topic")(f"{self._table}/{name}")
-            options = ntcore.PubSubOptions(keepDuplicates=True, periodic=0.005)
-            publisher = topic.publish("struct:Pose3d", options) if kind == "Raw" else topic.publish(options)
+            topic = getattr(self._instance, f"get{kind}Topic")(name)
+            publisher = publish(topic, ntcore.PubSubOptions(keepDuplicates=True, periodic=0.005))
             self._publishers[name] = publisher
-        publisher.set(value, at_us)
+        return publisher
+
+
+def _publish(topic: Any, options: Any) -> Any:
+    return topic.publish(options)
+
+
+def _publish_pose(topic: Any, options: Any) -> Any:
+    return topic.publish("struct:Pose3d", options)
+
+
+def _publish_photon(topic: Any, options: Any) -> Any:
+    return topic.publishEx(photon.TYPE, json.dumps(photon.PROPERTIES), options)
 
 
 def _nt_time(of: Line, now_ns: int) -> int:
     """When it was exposed, in µs of this machine's NetworkTables clock; ntcore tells the server in its own."""
     return int(ntcore._now()) - (now_ns - int(of["exposed_ns"])) // 1000
-
-
-def camera_link_from_tag(camera_from_marker: Pose) -> Pose:
-    """The same pose as WPILib has it: camera x ahead, y left, z up; tag x out of it, z up.
-
-    Its covariance is turned likewise.
-    """
-    turn, quaternion = CAMERA_LINK_FROM_CAMERA, camera_from_marker.quaternion_wxyz
-    rotation = turn @ matrix_from_quaternion(quaternion) @ FACING_FROM_MARKER.T
-    covariance: Floats | None = camera_from_marker.covariance
-    if covariance is not None:
-        both = _both(turn)
-        covariance = both @ covariance @ both.T
-    return Pose(
-        position_m=turn @ camera_from_marker.position_m,
-        quaternion_wxyz=quaternion_from_matrix(rotation),
-        covariance=covariance,
-    )
-
-
-def _both(rotation: Floats) -> Floats:
-    """(6, 6) the rotation of positions and of rotations."""
-    both = np.zeros((6, 6))
-    both[:3, :3] = both[3:, 3:] = rotation
-    return both

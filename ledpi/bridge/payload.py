@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Literal, Protocol
-
-import numpy as np
+from typing import Literal, Protocol
 
 from ledpi.bridge.target import Line
+from ledpi.bridge.wpilib_poses import pose_of
 from ledpi.core.errors import WireError
-from ledpi.core.records import Pose
 from ledpi.tap.protocol import write_line
 from ledpi.wire.codec import encode
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, wire_pose
@@ -116,14 +114,4 @@ def _status(state: str, health: Line) -> StatusMessage:
         uptime_s=health.get("uptime_s"),
         frames=health.get("frames"),
         frames_dropped=health.get("dropped_frames"),
-    )
-
-
-def pose_of(values: dict[str, Any]) -> Pose:
-    """The pose of a marker, an alternate or a robot of the tap, as a record."""
-    covariance = values.get("covariance")
-    return Pose(
-        position_m=np.array(values["position_m"]),
-        quaternion_wxyz=np.array(values["quaternion_wxyz"]),
-        covariance=None if covariance is None else np.array(covariance).reshape(6, 6),
     )

@@ -19,7 +19,7 @@ KEYS: dict[Kind, tuple[str, ...]] = {
     "udp": ("host", "port", "format"),
     "tcp": ("host", "port", "format"),
     "mqtt": ("host", "port", "topic", "tls", "ca_file", "user", "password_file"),
-    "nt": ("host", "port", "topic"),
+    "nt": ("host", "port", "topic", "photon_camera"),
     "zenoh": ("host", "port", "topic", "domain", "camera_frame"),
 }
 PORTS: dict[Kind, int] = {"mqtt": 1883, "nt": 5810, "zenoh": 7447}
@@ -55,6 +55,7 @@ class OutputSettings(Section):
     ca_file: Path | None = None
     user: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     password_file: Path | None = None
+    photon_camera: Annotated[str, _of_the_form(r"[^/]{1,60}", "a name without /")] | None = None
     domain: Annotated[int, Field(ge=0, le=232)] = 0
     camera_frame: Topic = "camera_optical_frame"
 

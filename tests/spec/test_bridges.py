@@ -98,7 +98,10 @@ def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(far: Far, runn
     late = [seq for at_ns, seq, age_us in frames if at_ns - woke_ns > 1e9 and age_us > MAX_AGE_US]
     assert late == []
     numbers = [seq for _, seq, _ in frames]
-    assert numbers == sorted(set(numbers))
+    assert numbers == sorted(numbers)
+    assert isinstance(far, Nt) or len(set(numbers)) == len(
+        numbers
+    )  # ntcore may repeat one
     skipped = max(b - a for a, b in zip([frames[0][1] - 1, *numbers], numbers, strict=False))
     if not isinstance(far, Udp | Nt | Zenoh):  # which loses some, or whose messages carry the time of their exposure
         assert skipped > 125 - 2 * IN_ITS_BUFFERS

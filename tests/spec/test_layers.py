@@ -43,6 +43,8 @@ PURE = [
     "ledpi.view.lines",
     "ledpi.view.metrics",
     "ledpi.ros.contents",
+    "ledpi.bridge.photon",
+    "ledpi.bridge.wpilib_poses",
     "ledpi.tools.calibrate.bands",
     "ledpi.tools.calibrate.boards",
     "ledpi.tools.calibrate.camera",
