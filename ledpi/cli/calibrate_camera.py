@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from datetime import date
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,16 @@ if TYPE_CHECKING:
     from ledpi.tools.calibrate.boards import Board, BoardView
     from ledpi.tools.calibrate.camera import CameraCalibration
 
+
+class ModelName(str, Enum):
+    """Of a lens, as `camera.yaml` names it."""
+
+    plumb_bob = "plumb_bob"
+    rational_polynomial = "rational_polynomial"
+    thin_prism = "thin_prism"
+    equidistant = "equidistant"
+
+
 MIN_OTHER_BOARD_PICTURES = 3  # that show the same other board, and none the right one: it is another
 
 
@@ -33,6 +44,7 @@ def camera(
     kind: KindName = typer.Option(DEFAULT_KIND, "--board", help="As `ledpi calibrate board` prints them."),
     cols: int = typer.Option(DEFAULT_COLS, min=3, max=20, help="Inner corners along the board's one side."),
     rows: int = typer.Option(DEFAULT_ROWS, min=3, max=20, help="Inner corners along the other."),
+    model: ModelName | None = typer.Option(None, "--model", help="Of the lens. Default: the one that the views need."),
     out: Path = typer.Option(Path("camera.yaml"), help="File to write; an older one is kept as NAME.bak-1."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
@@ -66,7 +78,7 @@ def camera(
         check_changeable(file)
     found = _live_views(settings, board) if pictures is None else _views_in(pictures, board)
     try:
-        result = calibrate_camera(found.views, found.board, *found.size)
+        result = calibrate_camera(found.views, found.board, *found.size, None if model is None else model.value)
     except CalibrationError as error:
         raise CalibrationError(f"{folder or 'live'}: {error}") from None
     written = _write(out, result)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.errors import CalibrationError
-from ledpi.core.records import COEFFICIENTS, Floats, Intrinsics
+from ledpi.core.records import COEFFICIENTS, DistortionModel, Floats, Intrinsics
 from ledpi.kernels.lens import blind_part
 from ledpi.tools.calibrate.boards import Board, BoardView
 from ledpi.tools.calibrate.fisheye import fit_fisheye
@@ -25,6 +25,7 @@ MODEL_NOISE = 2.0  # times the noise of corners: what is left beyond that may be
 MAX_RMS_PX = 1.0
 MAX_FOCAL_DEVIATION = 0.01  # 1 % of focal length is 1 % of every distance
 MIN_TILT_DEG = 10.0  # between the two most different views; frontal views alone fit any focal length
+FLAGS = {"rational_polynomial": cv2.CALIB_RATIONAL_MODEL, "thin_prism": cv2.CALIB_THIN_PRISM_MODEL}
 FIELD_OF_VIEW_DEG = (5.0, 220.0)
 K3_SIGNIFICANT = 10.83  # χ² with one degree of freedom: one in a thousand by chance
 _NO_CAMERA = "the views give no camera at all: are they of one flat, rigid board?"
@@ -51,13 +52,18 @@ class CameraCalibration:
     dropped: tuple[ViewError, ...]  # with the error for which each was dropped, the worst first
 
 
-def calibrate_camera(views: Sequence[BoardView], board: Board, width: int, height: int) -> CameraCalibration:
+def calibrate_camera(
+    views: Sequence[BoardView], board: Board, width: int, height: int, model: DistortionModel | None = None
+) -> CameraCalibration:
     """Fits a plumb_bob lens or, where that does not explain the views, an equidistant one: a fisheye.
 
-    Of plumb_bob k1 k2 p1 p2, and k3 where the views show it. Drops views that the others contradict, worst first.
+    Of plumb_bob k1 k2 p1 p2, and k3 where the views show it. `model`: that one, and no other. Drops views that the
+    others contradict, worst first.
     Raises CalibrationError where the views are too few or too much alike, or the result is not rational.
     """
     size = (width, height)
+    if model is not None:
+        return _calibrated(_of_model(model, views, board, size), size)
     try:
         plain = _calibrated(_plumb_bob(views, board, size), size)
     except CalibrationError as error:
@@ -78,6 +84,18 @@ def _explains_more(fisheye: _Kept, plain: CameraCalibration) -> bool:
         return True
     less = math.hypot(fit.rms_px, CORNER_NOISE_PX) < plain.rms_px
     return less if len(dropped) == len(plain.dropped) else len(dropped) < len(plain.dropped)
+
+
+def _of_model(model: DistortionModel, views: Sequence[BoardView], board: Board, size: tuple[int, int]) -> _Kept:
+    """Raises CalibrationError where there is no such lens."""
+    if model == "plumb_bob":
+        return _plumb_bob(views, board, size)
+    if model == "equidistant":
+        fisheye = _fisheye(views, board, size)
+        if fisheye is None:
+            raise CalibrationError(f"no {model} lens explains the views; try without --model")
+        return fisheye
+    return _drop_outliers(views, lambda some: _fit(some, board, size, FLAGS[model], model))
 
 
 def _plumb_bob(views: Sequence[BoardView], board: Board, size: tuple[int, int]) -> _Kept:
@@ -162,7 +180,7 @@ def _drop_outliers(views: Sequence[BoardView], fitted: Callable[[Sequence[BoardV
     raise CalibrationError(_too_few(len(views), dropped))
 
 
-def _intrinsics(matrix: Floats, distortion: Floats, size: tuple[int, int]) -> Intrinsics:
+def _intrinsics(matrix: Floats, distortion: Floats, size: tuple[int, int], model: DistortionModel) -> Intrinsics:
     """Raises CalibrationError where it is none."""
     try:
         return Intrinsics(
@@ -173,6 +191,7 @@ def _intrinsics(matrix: Floats, distortion: Floats, size: tuple[int, int]) -> In
             cx=float(matrix[0, 2]),
             cy=float(matrix[1, 2]),
             distortion=tuple(distortion.tolist()),
+            distortion_model=model,
         )
     except ValueError:
         raise CalibrationError(_NO_CAMERA) from None
@@ -196,28 +215,37 @@ class _Fit:
         )
 
 
-def _fit(views: Sequence[BoardView], board: Board, size: tuple[int, int], flags: int) -> _Fit:
+def _fit(
+    views: Sequence[BoardView],
+    board: Board,
+    size: tuple[int, int],
+    flags: int,
+    model: DistortionModel = "plumb_bob",
+) -> _Fit:
     """One run of OpenCV's (Zhang's) calibration. Raises CalibrationError where there is no solution."""
     corners = board.corners().astype(np.float32)
     objects: list[Any] = [corners[view.corner_ids] for view in views]
     pictures: list[Any] = [view.corners_px.astype(np.float32) for view in views]
+    count = len(COEFFICIENTS[model])
     try:
         rms, matrix, distortion, rotations, shifts, sigmas, _, errors = cv2.calibrateCameraExtended(
-            objects, pictures, size, np.eye(3), np.zeros(5), flags=flags
+            objects, pictures, size, np.eye(3), np.zeros(count), flags=flags
         )
     except cv2.error:
         raise CalibrationError(_NO_CAMERA) from None
-    model = [
+    explained = [
         cv2.projectPoints(points, turn, shift, matrix, distortion)[0].reshape(-1, 2)
         for points, turn, shift in zip(objects, rotations, shifts, strict=True)
     ]
     return _Fit(
         rms_px=float(rms),
-        lens=_intrinsics(np.asarray(matrix, np.float64), np.asarray(distortion, np.float64).ravel()[:5], size),
-        deviations=np.asarray(sigmas, dtype=np.float64).ravel()[:9],
+        lens=_intrinsics(
+            np.asarray(matrix, np.float64), np.asarray(distortion, np.float64).ravel()[:count], size, model
+        ),
+        deviations=np.asarray(sigmas, dtype=np.float64).ravel()[: 4 + count],
         view_rms_px=np.asarray(errors, dtype=np.float64).ravel(),
         normals=np.array([cv2.Rodrigues(rotation)[0][:, 2] for rotation in rotations]),
-        residuals_px=tuple(view.corners_px - points for view, points in zip(views, model, strict=True)),
+        residuals_px=tuple(view.corners_px - points for view, points in zip(views, explained, strict=True)),
     )
 
 

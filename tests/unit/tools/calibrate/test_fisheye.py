@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -75,6 +76,20 @@ def test_a_usual_lens_stays_one() -> None:
     result = calibrate_camera(views_of(WIDE, 16, 30.0), BOARD, 640, 480)
     assert result.intrinsics.distortion_model == "plumb_bob"
     assert result.intrinsics.fx == pytest.approx(WIDE.fx, rel=0.005)
+
+
+def test_a_rational_lens_is_asked_back() -> None:
+    """To 0.5 px over the picture's inner nine tenths, where its model is asked for; so is one with a thin prism."""
+    rational = replace(
+        WIDE, distortion=(0.26, 0.11, -0.001, 0.0, 0.02, 0.5, 0.2, 0.02), distortion_model="rational_polynomial"
+    )
+    prism = (*WIDE.distortion, 0.0, 0.0, 0.0, 0.004, -0.001, -0.003, 0.001)
+    for lens in (rational, replace(WIDE, distortion=prism, distortion_model="thin_prism")):
+        found = calibrate_camera(views_of(lens, 24, 32.0), BOARD, 640, 480, lens.distortion_model)
+        assert found.intrinsics.distortion_model == lens.distortion_model
+        assert found.rms_px < 0.2
+        assert len(found.deviations) == 4 + len(lens.distortion)
+        assert np.quantile(error_px(found.intrinsics, lens), 0.9) < 0.5
 
 
 def test_a_bad_view_of_a_fisheye_is_left_out() -> None:
