@@ -161,7 +161,7 @@ def test_the_age_counts_the_making_of_the_packet(
         return encode(message, sequence)
 
     monkeypatch.setattr("ledpi.wire.publisher.encode", slowly)
-    publisher = start(far_end.path)
+    publisher = start(far_end.path, max_age_ms=60_000.0)
     far_end.read_until(lambda: len(far_end.messages) == 1)
     for n in range(20):
         mid_ns = time.monotonic_ns() - 30_000_000
