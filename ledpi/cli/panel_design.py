@@ -176,7 +176,7 @@ def _say_unreported(panels: PanelSettings) -> None:
 
 def _design(task: Task, settings: Config, out: Path | None) -> None:
     from ledpi.markers.dictionaries import load_dictionary
-    from ledpi.tools.panel.design import auto_rows, best_antiphase, candidate_pairs, proposal_at, ranked, views_of
+    from ledpi.tools.panel.design import antiphase_proposals, auto_rows, candidate_pairs, proposal_at, ranked, views_of
     from ledpi.tools.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
     from ledpi.tools.panel.reach import reach_views
     from ledpi.tools.panel.verdict import findings
@@ -186,26 +186,41 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
     views = views_of(task)
     present = proposal_at(task, *pair, auto_rows(task, pair), views)
     with progress("trying pairs", len(candidate_pairs(task))) as advance:
-        named = [(str(n + 1), p) for n, p in enumerate(ranked(task, present, views, advance)[:_SHOWN])]
-    antiphase = best_antiphase(task, views)
-    named += [("antiphase", antiphase)] if antiphase is not None else []
+        proposals = [("pair", p) for p in ranked(task, present, views, advance)[:_SHOWN]]
+    proposals += [("antiphase", p) for p in antiphase_proposals(task, views)[:_SHOWN]]
     dictionary = load_dictionary(panels.dictionary)
-    rows = _add_reach(task, dictionary, reach_views(task), [*named, ("present", present)])
-    typer.echo(summary_line("best are", rows[0][1:], rows[-1][1:]))
+    drawn = _add_reach(task, dictionary, reach_views(task), [*proposals, ("present", present)])
+    own = drawn[-1]
+    pairs, antiphases = (_farthest_first(drawn, kind, own) for kind in ("pair", "antiphase"))
+    rows = [*((str(n), p, r) for n, (_, p, r) in enumerate(pairs, 1)), *antiphases[:1], own]
+    antiphase = antiphases[0] if antiphases else None
+    best = pairs[0] if pairs[0][2].is_beyond(own[2]) else own
+    if best is own:
+        typer.echo(f"{summary_line('keep yours,', own[1:])}; no pair is read further without loss")
+    else:
+        typer.echo(summary_line("best are", best[1:], own[1:]))
     typer.echo(task_text(task))
     typer.echo(table(task, rows))
     typer.echo(legend())
     for finding in findings(task, *pair, present.frame_length_rows, panels.phase):
         typer.echo(f"present: {'unusable' if finding.unusable else 'note'}: {finding.text}")
     _say_unreported(panels)
-    lines = {"panel.yaml": config_lines(task, rows[0][1], panels.dictionary, settings.camera.exposure_us)}
+    lines = {"panel.yaml": config_lines(task, best[1], panels.dictionary, settings.camera.exposure_us)}
     typer.echo(f"\nFor config.yaml:\n\n{lines['panel.yaml']}", nl=False)
     if antiphase is not None:
-        typer.echo("\n" + antiphase_text(antiphase, rows[-2][2], rows[0][2], dictionary))
-        lines["antiphase.yaml"] = config_lines(task, antiphase, panels.dictionary, settings.camera.exposure_us)
+        typer.echo("\n" + antiphase_text(antiphase[1], antiphase[2], best[2], dictionary))
+        lines["antiphase.yaml"] = config_lines(task, antiphase[1], panels.dictionary, settings.camera.exposure_us)
         typer.echo(f"For config.yaml, instead:\n\n{lines['antiphase.yaml']}", nl=False)
     if out is not None:
         _write(out, task, rows, lines)
+
+
+def _farthest_first(
+    rows: list[tuple[str, Proposal, Reach]], kind: str, present: tuple[str, Proposal, Reach]
+) -> list[tuple[str, Proposal, Reach]]:
+    """By the metres that the table shows; those that are read less far than the present pair in some respect, last."""
+    of_kind = [row for row in rows if row[0] == kind]
+    return sorted(of_kind, key=lambda row: (not row[2].is_beyond(present[2]), -round(row[2].carries_m2(), 1)))
 
 
 def _add_reach(

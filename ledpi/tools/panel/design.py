@@ -181,15 +181,15 @@ def choose_period(task: Task, black_hz: float, white_hz: float, views: Sequence[
     return proposal_at(task, black_hz, white_hz, rows, views)
 
 
-def best_antiphase(task: Task, views: Sequence[View]) -> Proposal | None:
-    """The one frequency, with its frame period, at which classes half a cycle apart tell most; the lowest of equals.
+def antiphase_proposals(task: Task, views: Sequence[View]) -> list[Proposal]:
+    """Single frequencies, each with its frame period, those first at which classes half a cycle apart tell most.
 
-    A cell that is taken for the other class is then off by twice its bands, whatever the phase. None where the duty is
-    not a half, so that one class would not fill the other's gaps.
+    Of equals the lowest comes first. A cell that is taken for the other class is then off by twice its bands, whatever
+    the phase. Empty where the duty is not a half, so that one class would not fill the other's gaps.
     """
     frequencies = candidate_frequencies(task) if task.duty == 0.5 else []
     tried = [choose_period(task, hz, hz, views) for hz in frequencies]
-    return max(tried, key=lambda proposal: sum(proposal.worth()), default=None)
+    return sorted(tried, key=lambda proposal: -sum(proposal.worth()))
 
 
 def auto_rows(task: Task, pair: tuple[float, float]) -> int:

@@ -39,6 +39,15 @@ class Reach:
         (near_m, far_m), (before, after) = self.distances_m[count - 1 : count + 1], chances[count - 1 : count + 1]
         return near_m * math.exp(math.log(far_m / near_m) * (before - RELIABLE) / (before - after))
 
+    def carries_m2(self) -> float:
+        """Range alone times range of a stream: how far a panel carries, in one number; 0 for nowhere."""
+        return (self.range_m(self.alone) or 0.0) * (self.range_m(self.stream) or 0.0)
+
+    def is_beyond(self, other: Reach) -> bool:
+        """Whether it is read further than `other` in one respect, and as far in the other, to 0.1 m."""
+        own, others = ([round(r.range_m(c) or 0.0, 1) for c in (r.alone, r.stream)] for r in (self, other))
+        return own != others and all(mine >= theirs for mine, theirs in zip(own, others, strict=True))
+
 
 def reach_views(task: Task) -> list[View]:
     """Pictures of a panel from all distances at which there is any hope."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel_design
+from ledpi.cli.panel_design import _farthest_first
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Quad
@@ -30,8 +32,8 @@ from ledpi.tools.panel.design import (
     ENOUGH_NATS,
     Proposal,
     Task,
+    antiphase_proposals,
     auto_rows,
-    best_antiphase,
     candidate_pairs,
     choose_period,
     proposal_at,
@@ -43,6 +45,7 @@ from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, null_share, worth
 from ledpi.tools.panel.information import View, evidence_of, separation_nats, view_panel
 from ledpi.tools.panel.reach import Reach, reach_of
 from ledpi.tools.panel.verdict import findings
+from tests.builders import ROOT
 from tests.builders.evidence_reference import word_log_likelihoods
 
 assert panel_design, main  # the import puts the command into `app`
@@ -384,7 +387,7 @@ def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
     """One frame at 2.5 m, four frames at 12 m."""
     asked = task(2.5, 12.0)
     views = views_of(asked)
-    one = best_antiphase(asked, views)
+    one = antiphase_proposals(asked, views)[0]
     assert one is not None
     assert one.black_hz == one.white_hz
     two = proposal_at(asked, 1250.0, 2450.0, 504, views)
@@ -404,7 +407,7 @@ def test_what_tells_antiphase_classes_apart_is_twice_the_bands() -> None:
 def test_classes_that_share_a_duty_of_another_size_are_not_in_antiphase() -> None:
     """One would not fill the other's gaps."""
     asked = replace(task(2.0), duty=0.4)
-    assert best_antiphase(asked, views_of(asked)) is None
+    assert antiphase_proposals(asked, views_of(asked)) == []
 
 
 def test_an_antiphase_panel_is_checked_as_one() -> None:
@@ -450,7 +453,8 @@ def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Five pairs and antiphase beside the present one, two plots, and lines that are loaded and found good."""
     monkeypatch.setattr("ledpi.tools.panel.reach._DRAWS", 5)
     monkeypatch.setattr("ledpi.tools.panel.reach._DISTANCES", 3)
-    status, output = run("--distance", "1", "--distance", "8", "--fps", "58.93", "--out", "design")
+    faint = ("--set", "panels.white_hz=2600")  # 25.9 cycles an exposure
+    status, output = run("--distance", "1", "--distance", "8", "--fps", "58.93", "--out", "design", *faint)
     assert status == 0
     first = output.splitlines()[0]
     read = r"(?:a panel is read )?(?:to \S+ m|nowhere) in a single picture, "
@@ -465,3 +469,46 @@ def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (antiphase.phase, antiphase.white_hz) == ("antiphase", antiphase.black_hz)
     drawn = {"panel.yaml", "antiphase.yaml", "contrast.png", "reach.png"}
     assert {path.name for path in Path("design").iterdir()} == drawn
+
+
+# ---- What is recommended
+
+
+def reach(alone_m: float, stream_m: float) -> Reach:
+    """Read for sure to there, and no further."""
+    distances = (0.5, alone_m, alone_m + 0.001, stream_m, stream_m + 0.001)
+    alone, stream = ([float(distance <= most) for distance in distances] for most in (alone_m, stream_m))
+    return Reach(distances_m=distances, alone=tuple(alone), stream=tuple(stream))
+
+
+def test_a_pair_is_better_if_it_loses_nothing() -> None:
+    """By the metres that the table shows: what is below a tenth counts for nothing."""
+    assert reach(1.7, 8.0).is_beyond(reach(1.7, 6.9))
+    assert not reach(1.5, 8.4).is_beyond(reach(1.7, 6.9))
+    assert not reach(1.72, 6.92).is_beyond(reach(1.7, 6.9))
+
+
+def test_the_table_begins_with_what_is_read_furthest() -> None:
+    """Alone times in a stream; pairs that are read less far than the present one in some respect come last."""
+    proposals = [("pair", None, reach(*metres)) for metres in ((1.7, 7.1), (1.5, 8.4), (1.7, 8.0), (1.4, 9.9))]
+    present: Any = ("present", None, reach(1.7, 6.9))
+    ordered = _farthest_first([*proposals, present], "pair", present)  # type: ignore[list-item]
+    assert [round(row[2].carries_m2(), 1) for row in ordered] == [13.6, 12.1, 13.9, 12.6]
+
+
+def test_where_no_pair_is_read_further_yours_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And the lines for config.yaml are of yours."""
+    monkeypatch.setattr("ledpi.tools.panel.reach.reach_of", lambda *_: reach(1.7, 6.9))
+    status, output = run("--distance", "1", "--fps", "58.93")
+    assert status == 0
+    assert output.startswith("keep yours, 1250.00 Hz (black cells) and 2450.00 Hz (white): ")
+    assert "  black_hz: 1250.00\n  white_hz: 2450.00\n" in output
+
+
+@pytest.mark.slow
+def test_the_pages_name_the_antiphase_frequency_that_the_design_names() -> None:
+    """For the default camera and panel."""
+    (named,) = re.findall(r"^antiphase: both classes at (\S+) Hz", run()[1], re.MULTILINE)
+    for page in ("docs/first-panel.md", "docs/frequencies.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        assert set(re.findall(r"--phase antiphase --black ([\d.]+)", text)) == {named}
