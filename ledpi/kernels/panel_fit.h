@@ -29,7 +29,7 @@ typedef struct {
     Line grid[2][LEDPI_MOST_LINES];
     Lines across[LEDPI_MOST_LINES / LEDPI_WIDTH];
     float numbers[9], unknown[MOST_UNKNOWN]; /* of the homography; as they are before this round */
-    float columns[2 * LEDPI_MOST_LINES * DENSE];
+    float columns[(LEDPI_AT_ONCE + LEDPI_MOST_LINES + LEDPI_WIDTH) * DENSE];
     Products products;
     double matrix[MOST_UNKNOWN * (MOST_UNKNOWN + 1)], step[MOST_UNKNOWN];
     float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];

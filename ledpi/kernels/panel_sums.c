@@ -91,16 +91,17 @@ typedef struct {
     float by[OWN];
 } Met;
 
-/* The cells that meet at a sample. Returns how many. */
+/* The cells that meet at a sample, by their number. Returns how many. */
 static LEDPI_INLINE int met_at(const Samples *s, int lane, const Lines *across, const Line *down, ptrdiff_t cells, Met met[4]) {
+    const int above = down->cell[1] < down->cell[0], left = across->cell[1][lane] < across->cell[0][lane];
     int count = 0;
-    for (int j = 0; j < 2; j++)
-        for (int i = 0; i < 2; i++) {
-            if (!(across->light[i][lane] * down->light[j] > NO_LIGHT)) continue;
-            met[count].cell = down->cell[j] * cells + across->cell[i][lane];
-            for (int k = 0; k < OWN; k++) met[count].by[k] = s->weight[lane] * s->own[j][i][k][lane];
-            count++;
-        }
+    for (int n = 0; n < 4; n++) {
+        const int j = (n / 2) ^ above, i = (n % 2) ^ left;
+        if (!(across->light[i][lane] * down->light[j] > NO_LIGHT)) continue;
+        met[count].cell = down->cell[j] * cells + across->cell[i][lane];
+        for (int k = 0; k < OWN; k++) met[count].by[k] = s->weight[lane] * s->own[j][i][k][lane];
+        count++;
+    }
     return count;
 }
 
@@ -112,7 +113,7 @@ static LEDPI_INLINE void add_own(Products *products, ptrdiff_t own, ptrdiff_t ow
             const float by = root * met[i].by[k];
             for (int column = 0; column < DENSE; column += LEDPI_WIDTH)
                 *(Eight *)(products->mixed[row] + column) += by * *(const Eight *)(columns + column);
-            for (int j = 0; j < count; j++)
+            for (int j = i; j < count; j++) /* on and above the diagonal */
                 for (ptrdiff_t n = 0; n < own; n++) products->own[row * owns + met[j].cell * own + n] += by * root * met[j].by[n];
         }
 }
@@ -139,30 +140,56 @@ static void clear(const Fitting *fit, Work *work) {
     work->left = work->inside = work->used = work->light = work->light2 = 0.0, work->samples = 0;
 }
 
-/* Adds eight samples, those that tell something. Returns how many columns there are then. */
-static LEDPI_INLINE ptrdiff_t add_samples(const Fitting *fit, const Samples *s, ptrdiff_t first, ptrdiff_t down, bool phasing,
-                                          ptrdiff_t count, Work *work) {
+typedef int32_t Eight32 __attribute__((vector_size(32)));
+
+/* Eight rows of eight become eight columns: in pairs, in fours, in halves. */
+static LEDPI_INLINE void transpose(Eight r[LEDPI_WIDTH]) {
+    Eight t[LEDPI_WIDTH], u[LEDPI_WIDTH];
+    for (int i = 0; i < LEDPI_WIDTH; i += 2) {
+        t[i] = __builtin_shuffle(r[i], r[i + 1], (Eight32){0, 8, 1, 9, 4, 12, 5, 13});
+        t[i + 1] = __builtin_shuffle(r[i], r[i + 1], (Eight32){2, 10, 3, 11, 6, 14, 7, 15});
+    }
+    for (int i = 0; i < LEDPI_WIDTH; i += 4)
+        for (int k = 0; k < 2; k++) {
+            u[i + 2 * k] = __builtin_shuffle(t[i + k], t[i + k + 2], (Eight32){0, 1, 8, 9, 4, 5, 12, 13});
+            u[i + 2 * k + 1] = __builtin_shuffle(t[i + k], t[i + k + 2], (Eight32){2, 3, 10, 11, 6, 7, 14, 15});
+        }
+    for (int i = 0; i < 4; i++) {
+        r[i] = __builtin_shuffle(u[i], u[i + 4], (Eight32){0, 1, 2, 3, 8, 9, 10, 11});
+        r[i + 4] = __builtin_shuffle(u[i], u[i + 4], (Eight32){4, 5, 6, 7, 12, 13, 14, 15});
+    }
+}
+
+/* Adds eight samples; those that tell nothing have columns of zeros. `blocks` are theirs. */
+static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdiff_t first, ptrdiff_t down, bool phasing,
+                                     const int16_t *blocks, float *columns, Work *work) {
     const ptrdiff_t cells = fit->panel.cells, lanes = fit->lines - first < LEDPI_WIDTH ? fit->lines - first : LEDPI_WIDTH;
+    Eight root = {0};
+    Eight32 tells = {0};
     for (int lane = 0; lane < lanes; lane++) {
         if (!s->tells[lane]) continue;
-        const ptrdiff_t block = block_of(fit->along[first + lane], fit->along[down], cells);
-        const double left = s->by[RESIDUAL][lane], trust = work->weight[block], weight = trust * s->weight[lane] * s->weight[lane];
-        work->squares[block] += left * left, work->sum[block] += left, work->count[block] += 1.0;
-        work->used += weight;
+        const double left = s->by[RESIDUAL][lane], trust = work->weight[blocks[lane]], weight = trust * s->weight[lane] * s->weight[lane];
+        work->squares[blocks[lane]] += left * left, work->sum[blocks[lane]] += left, work->count[blocks[lane]] += 1.0;
+        work->used += weight, work->sampled++;
         if (s->outside[lane] < 0.5f) work->left += trust * left * left, work->inside += weight, work->samples++;
         work->light += weight * s->seen[lane], work->light2 += weight * s->seen[lane] * s->seen[lane];
-        Met met[4];
-        const int cells_met = met_at(s, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
-        float *const columns = work->columns + count++ * DENSE;
-        if (phasing) {
-            if (cells_met == 1) add_row(fit, met, s->row[lane], s->by[RESIDUAL][lane], ledpi_panel_rows(fit), work);
-            continue;
-        }
-        const float root = trust < 1.0 ? (float)sqrt(trust) : 1.0f;
-        for (int k = 0; k < DENSE; k++) columns[k] = root * s->by[k][lane];
-        add_own(&work->products, fit->own, fit->owns, met, cells_met, root, columns);
+        root[lane] = trust < 1.0 ? sqrtf((float)trust) : 1.0f, tells[lane] = -1;
     }
-    return count;
+    for (int from = 0; from < DENSE && !phasing; from += LEDPI_WIDTH) {
+        Eight part[LEDPI_WIDTH];
+        for (int k = 0; k < LEDPI_WIDTH; k++) part[k] = (Eight)((Eight32)(root * s->by[from + k]) & tells); /* it may be no number elsewhere */
+        transpose(part);
+        for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Eight *)(columns + lane * DENSE + from) = part[lane];
+    }
+    for (int lane = 0; lane < lanes; lane++) {
+        Met met[4];
+        if (!s->tells[lane]) continue;
+        const int cells_met = met_at(s, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
+        if (!phasing)
+            add_own(&work->products, fit->own, fit->owns, met, cells_met, root[lane], columns + lane * DENSE);
+        else if (cells_met == 1)
+            add_row(fit, met, s->row[lane], s->by[RESIDUAL][lane], ledpi_panel_rows(fit), work);
+    }
 }
 
 LEDPI_SIMD void ledpi_panel_sum_up(const Fitting *fit, bool phasing, Work *work) {
@@ -171,17 +198,17 @@ LEDPI_SIMD void ledpi_panel_sum_up(const Fitting *fit, bool phasing, Work *work)
     for (ptrdiff_t i = 0; i < COMMON + OWN * cells * cells; i++) work->unknown[i] = (float)fit->unknown[i];
     if (phasing)
         for (int k = 0; k < 2; k++) memset(work->by_row[k], 0, (size_t)(cells * cells * ledpi_panel_rows(fit)) * sizeof(float));
+    int16_t blocks[LEDPI_MOST_LINES + LEDPI_WIDTH] = {0};
     ptrdiff_t count = 0; /* of columns that wait */
     for (ptrdiff_t j = 0; j < fit->lines; j++) {
-        const ptrdiff_t before = count;
-        for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH) {
+        for (ptrdiff_t i = 0; i < fit->lines; i++) blocks[i] = (int16_t)block_of(fit->along[i], fit->along[j], cells);
+        for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH, count += LEDPI_WIDTH) {
             Samples s;
             ledpi_panel_sample(&fit->panel, &fit->view, work->numbers, work->unknown, work->across + i / LEDPI_WIDTH,
                                &work->grid[1][j], (float)(fit->along[j] / (double)cells), &s);
-            count = add_samples(fit, &s, i, j, phasing, count, work);
+            add_samples(fit, &s, i, j, phasing, blocks + i, work->columns + count * DENSE, work);
         }
-        work->sampled += count - before;
-        if (count < LEDPI_MOST_LINES && j + 1 < fit->lines) continue;
+        if (count < LEDPI_AT_ONCE && j + 1 < fit->lines) continue;
         if (!phasing) ledpi_add_products(work->columns, count, DENSE, work->products.common);
         count = 0;
     }
