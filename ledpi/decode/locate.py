@@ -6,15 +6,18 @@ import math
 
 import numpy as np
 
-from ledpi.core.geometry import box, project_to_quad, quad_side
+from ledpi.core.geometry import box, corners_apart, project_to_quad, quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, dimmest
+from ledpi.decode.finding.glance import template
+from ledpi.decode.finding.pyramid import Pyramid
 from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
 from ledpi.decode.model.sides import side_covariance
 from ledpi.decode.proposals import DEEP
+from ledpi.kernels.find import Glancer
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
 NO_LIGHT = Rejected(stage="fit", reason="no_light")
@@ -44,6 +47,7 @@ class Locator:
         self._must_blink = must_blink
         self._cells, self._specs = cells, specs
         self._fitter = Fitter(cells, intrinsics)
+        self._glancer = Glancer(cells, cells * MIN_CELL_PX, template(cells))
 
     @property
     def spent(self) -> int:
@@ -101,13 +105,25 @@ class Locator:
         if isinstance(fit, Rejected):
             return fit
         best = fit
-        for at in self._beside(fit):
+        for at in self._likelier(frame, fit):
             other = self._from_afar(frame, at, (fit.spec,))
             if isinstance(other, Fitted) and other.explained > best.explained and other.residual < best.residual:
                 best = other
             if not self._beside(best):
                 break  # nothing of it seems hidden
         return best
+
+    def _likelier(self, frame: Frame, fit: Fitted) -> list[Floats]:
+        """Places beside a fit where a panel is likelier at a glance; all, where the template lacks their bands."""
+        beside = self._beside(fit)
+        if not beside or band_depth(frame, self._specs) > FAINT_DEPTH:
+            return beside
+        at = np.stack([fit.lattice_px, *beside])
+        corners, evidence = self._glancer.look_at(Pyramid(*frame.pixels.shape).of(frame), at)
+        off_px = corners_apart(corners[0].tolist(), fit.lattice_px.tolist())
+        if not off_px < LEAST_HIDDEN * quad_side(fit.lattice_px.tolist()) / self._cells:
+            return beside  # where it is, it is not likeliest
+        return [at.copy() for at, likely in zip(corners[1:], evidence[1:] > evidence[0], strict=True) if likely]
 
     def _beside(self, fit: Fitted) -> list[Floats]:
         """Lattices (4, 2) that look like one with a hidden side or a dark row: moved by as much, or shorter by it."""

@@ -135,6 +135,7 @@ typedef struct {
     double most_dimmed;
 } GlancePictures;
 
+void ledpi_glance_at(const GlanceTemplate *glance, const GlancePictures *in, float *work, ptrdiff_t most, Glimpse *glimpses);
 ptrdiff_t ledpi_glance(const GlanceTemplate *glance, const GlancePictures *in, double smallest_px, float *work, ptrdiff_t most,
                        Glimpse *glimpses);
 

@@ -102,6 +102,7 @@ class Glancer:
         self._padded = -(-samples // 16) * 16
         self._work = np.empty((3, self._padded), np.float32)
         self._glimpses = np.empty((2 * (MOST_SQUARES + MOST_LATTICE_SQUARES), lib.LEDPI_GLIMPSE))
+        self._all: Any = ffi.cast("Glimpse *", pointer(self._glimpses))
         self._kept: list[NDArray[Any]] = []
         self._template = ffi.new("GlanceTemplate *")
         self._template[0] = {
@@ -127,22 +128,31 @@ class Glancer:
         than texture, in nats (K,); until the next. Of a picture whose bands are `bridged` in the pyramid corners
         are as they were: what is not dimmed there in part, to this share, is none.
         """
+        count = self._put(found)
+        shown = (NONE, 0, 0) if bridged is None else (pointer(bridged), *bridged.shape)
+        kept = lib.ledpi_glance(*self._given(pyramid, shown, most_dimmed, self._smallest_px), count, self._all)
+        seen = self._glimpses[:kept]
+        return (seen[:, 8:16] if bridged is None else seen[:, :8]).reshape(-1, 4, 2), seen[:, 16], seen[:, 17]
+
+    def look_at(self, pyramid: Sequence[Pixels], corners: Floats) -> tuple[Floats, Floats]:
+        """Where panels fit best (N, 4, 2) from each of these corners (N, 4, 2); how much likelier one is there than
+        texture (N,), in nats. Until the next.
+        """
+        count = self._put([corners])
+        lib.ledpi_glance_at(*self._given(pyramid, (NONE, 0, 0), 1.0), count, self._all)
+        return self._glimpses[:count, 8:16].reshape(-1, 4, 2), self._glimpses[:count, 17]
+
+    def _put(self, found: Sequence[Floats]) -> int:
         count = 0
         for corners in found:
             self._glimpses[count : count + len(corners), :8] = corners.reshape(-1, 8)
             count += len(corners)
-        pictures = ffi.new("PyramidPicture[]", [(pointer(picture), *picture.shape) for picture in pyramid])
-        shown = (NONE, 0, 0) if bridged is None else (pointer(bridged), *bridged.shape)
-        kept = lib.ledpi_glance(
-            *(
-                self._template,
-                ffi.new("GlancePictures *", (pictures, len(pyramid), shown, most_dimmed)),
-                self._smallest_px,
-            ),
-            *(pointer(self._work), count, ffi.cast("Glimpse *", pointer(self._glimpses))),
-        )
-        seen = self._glimpses[:kept]
-        return (seen[:, 8:16] if bridged is None else seen[:, :8]).reshape(-1, 4, 2), seen[:, 16], seen[:, 17]
+        return count
+
+    def _given(self, pyramid: Sequence[Pixels], shown: Any, most_dimmed: float, *more: Any) -> tuple[Any, ...]:
+        self._pyramid = ffi.new("PyramidPicture[]", [(pointer(picture), *picture.shape) for picture in pyramid])
+        pictures = ffi.new("GlancePictures *", (self._pyramid, len(pyramid), shown, most_dimmed))
+        return self._template, pictures, *more, pointer(self._work)
 
     def _hypothesis(self, of: Hypothesis) -> dict[str, Any]:
         mean, directions = self._keep(self._pad(of.mean)), self._keep(self._pad(of.directions))

@@ -197,8 +197,16 @@ static ptrdiff_t keep_distinct(const GlanceTemplate *t, bool moved, ptrdiff_t co
     return kept;
 }
 
-/* Looks at those of `glimpses` (most), of which the corners are given, that are not smaller than `smallest_px`. Returns how many
- * different ones there are, of those that lead to one fit the likeliest; the largest first, as a texture's are small. `work` (3, template's size). */
+/* Looks at each of `glimpses` (most), of which the corners are given. `work` (3, template's size). */
+void ledpi_glance_at(const GlanceTemplate *t, const GlancePictures *in, float *work, ptrdiff_t most, Glimpse *glimpses) {
+    for (ptrdiff_t i = 0; i < most; i++) {
+        glimpses[i].side_px = side_of(glimpses[i].corners);
+        glance(t, in, work, glimpses + i);
+    }
+}
+
+/* Looks at those of `glimpses` (most) that are not smaller than `smallest_px`. Returns how many
+ * different ones there are, of those that lead to one fit the likeliest; the largest first, as a texture's are small. */
 ptrdiff_t ledpi_glance(const GlanceTemplate *t, const GlancePictures *in, double smallest_px, float *work, ptrdiff_t most,
                        Glimpse *glimpses) {
     ptrdiff_t large = 0;
@@ -209,7 +217,7 @@ ptrdiff_t ledpi_glance(const GlanceTemplate *t, const GlancePictures *in, double
     }
     qsort(glimpses, (size_t)large, sizeof *glimpses, larger_first);
     large = keep_distinct(t, false, large < MOST ? large : MOST, glimpses);
-    for (ptrdiff_t i = 0; i < large; i++) glance(t, in, work, glimpses + i);
+    ledpi_glance_at(t, in, work, large, glimpses);
     qsort(glimpses, (size_t)large, sizeof *glimpses, likelier_first);
     large = keep_distinct(t, !in->bridged.pixels, large, glimpses);
     qsort(glimpses, (size_t)large, sizeof *glimpses, larger_first);

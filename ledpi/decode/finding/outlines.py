@@ -9,17 +9,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
-import numpy as np
-
 from ledpi.core.records import Floats, Frame, Pixels, Rejected
+from ledpi.decode.finding.pyramid import Pyramid
 from ledpi.kernels.find import SquareSearcher
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
 NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
 AT_BORDER = Rejected(stage="find", reason="at_picture_border")
 
-LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
 # By level of the pyramid: grey levels, of which one lies between a panel and the wall behind it, in a bright room and
 # in a dark one.
 _FINE, _COARSE = (24, *range(48, 256, 32)), tuple(range(32, 256, 32))
@@ -58,31 +55,17 @@ class Finder:
 
     def __init__(self, width: int, height: int, smallest_px: float, cells: int = 4) -> None:
         """`smallest_px`: side of the smallest panel that can be read. `cells`: along a side."""
-        self._levels = [
-            np.empty((max(1, height >> halvings), max(1, width >> halvings)), np.uint8)
-            for halvings in range(1, LEVELS + 1)
-        ]
-        # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
-        self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
-        levels = list(zip(self._levels, _SHORTEST, (_FINE, _COARSE, _COARSE), _SHARES, strict=True))
+        self._pyramid = Pyramid(height, width)
+        levels = list(zip(self._pyramid.smaller, _SHORTEST, (_FINE, _COARSE, _COARSE), _SHARES, strict=True))
         self._searcher = SquareSearcher(levels, smallest_px, cells, Limits())
 
     def find(self, frame: Frame) -> tuple[Floats, list[Rejected]]:
         """Corners (N, 4, 2) of distinct things, the best outline first; and what was dropped."""
-        self._shrink(frame)
+        self._pyramid.of(frame)
         squares, (at_border, not_four_sided, too_small) = self._searcher.search()
         dropped = [AT_BORDER] * at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
         return squares[:, :8].reshape(-1, 4, 2), dropped
 
     def pyramid(self, frame: Frame) -> list[Pixels]:
         """The frame that was searched last, and the same in halves, quarters …"""
-        return [frame.pixels, *self._levels]
-
-    def _shrink(self, frame: Frame) -> None:
-        """Fills the pyramid."""
-        above: Pixels = frame.pixels
-        for picture in self._levels:
-            cv2.resize(above, picture.shape[::-1], dst=picture, interpolation=cv2.INTER_AREA)
-            if above is frame.pixels and frame.transfer == "linear":
-                cv2.LUT(picture, self._brighten, dst=picture)
-            above = picture
+        return [frame.pixels, *self._pyramid.smaller]
