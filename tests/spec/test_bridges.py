@@ -87,6 +87,7 @@ def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(far: Far, r
         assert counters["opened"] >= 2
 
 
+@pytest.mark.slow
 def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(far: Far, running: Running) -> None:
     """What comes after it woke is new."""
     far.block()
@@ -99,9 +100,7 @@ def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(far: Far, runn
     assert late == []
     numbers = [seq for _, seq, _ in frames]
     assert numbers == sorted(numbers)
-    assert isinstance(far, Nt) or len(set(numbers)) == len(
-        numbers
-    )  # ntcore may repeat one
+    assert isinstance(far, Nt) or len(set(numbers)) == len(numbers)  # ntcore may repeat one
     skipped = max(b - a for a, b in zip([frames[0][1] - 1, *numbers], numbers, strict=False))
     if not isinstance(far, Udp | Nt | Zenoh):  # which loses some, or whose messages carry the time of their exposure
         assert skipped > 125 - 2 * IN_ITS_BUFFERS
@@ -136,3 +135,27 @@ def test_a_daemon_that_ends_and_comes_back_is_followed_again(
     again.close()
     assert frames[0][1] < frames[-1][1] < daemon.frames_shown + 500
     assert running.process.poll() is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trouble", ["vanish", "block"])
+def test_memory_stays_as_it_is_while_a_far_end_is_in_trouble(far: Far, running: Running, trouble: str) -> None:
+    """Half a minute at 50 frames a second would be some megabytes, were they kept."""
+    if isinstance(far, Stdout) and trouble == "vanish":
+        pytest.skip("a bridge ends with its pipe")
+    time.sleep(2.0)
+    far.vanish() if trouble == "vanish" else far.block()
+    time.sleep(5.0)
+    before = memory_kb(running.process.pid)
+    time.sleep(30.0)
+    grown_kb = memory_kb(running.process.pid) - before
+    if trouble == "vanish":
+        far.start()
+    far.unblock()
+    assert grown_kb < 1000
+
+
+def memory_kb(pid: int) -> int:
+    """Resident, of a process."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    return pages * 4
