@@ -9,7 +9,8 @@ import numpy as np
 from ledpi.core.records import Floats, Intrinsics
 from ledpi.kernels import pose as kernel
 
-ROUNDS = 6
+# Most end after three or four steps; where corners' errors hang together, as by an unknown motion, it may be twenty.
+ROUNDS = 30
 CONVERGED = 1e-3  # of χ² that a step would still gain, in a good fit: nothing that could be measured
 BEATEN_BY = 60.0  # of χ²: e³⁰ times less likely than another start, and so never chosen, wherever it would end
 STOP = np.array([ROUNDS, CONVERGED, BEATEN_BY])  # as C takes them

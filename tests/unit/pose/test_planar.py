@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.core.records import Floats, Intrinsics, Rejected
-from ledpi.pose.corners import independent
+from ledpi.core.records import Detection, Floats, Intrinsics, Rejected
+from ledpi.pose.corners import corners_at, independent
 from ledpi.pose.planar import Solutions, solve_square, solve_squares, square_corners
 from tests.builders.decode import LENS, PINHOLE, reason
-from tests.builders.map import covariance_px2, with_errors
+from tests.builders.map import covariance_px2, frame, with_errors
 
 SIDE_M = 0.16
 SIGMA_PX = 0.05
@@ -274,6 +274,21 @@ def test_what_no_pose_explains_makes_the_mirror_pose_likelier() -> None:
     assert best.camera_from_marker.covariance is not None
     sigma_deg = math.degrees(math.sqrt(np.trace(best.camera_from_marker.covariance[3:, 3:])))
     assert angle_deg(best.camera_from_marker.quaternion_wxyz, turn("y", 20) @ FACING) < 1.5 * sigma_deg
+
+
+def test_a_motion_that_is_not_known_is_found_beside_the_pose() -> None:
+    """1,000 squares sheared by 2 rad/s, which robots' motions allow for: the pose that explains it is found."""
+    rng, chi2 = np.random.default_rng(0), []
+    for _ in range(1000):
+        yaw, pitch, roll = rng.uniform(-60, 60), rng.uniform(-20, 20), rng.uniform(-30, 30)
+        place = rng.uniform(0.5, 1.4) * np.array([rng.uniform(-0.25, 0.25), rng.uniform(-0.17, 0.17), 1.0])
+        corners = pixels(marker_corners(), turn("y", yaw) @ turn("x", pitch) @ turn("z", roll) @ FACING, place, LENS)
+        row = corners[:, 1].mean()
+        corners[:, 0] -= 2.0 * LENS.fx * (corners[:, 1] - row) * 33.67e-6
+        seen = Detection(id=7, corners_px=corners, covariance_px2=independent(0.05), margin=30.0, frames_used=1)
+        moved, covariances = corners_at(frame(), np.array([row]), [seen], [SIDE_M], LENS)
+        chi2.append(solved(solve_square(moved[0], covariances[0], SIDE_M, LENS))[0].chi2)
+    assert max(chi2) < 9.2
 
 
 def test_a_single_minimum_has_a_mirror_pose_too() -> None:
