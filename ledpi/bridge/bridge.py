@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from ledpi.bridge.mailbox import Mail, Mailbox
 from ledpi.bridge.target import BridgeError, Line, Target, TargetLostError
-from ledpi.core.errors import TapError
+from ledpi.core.errors import LedpiError, TapError, TransientError
 from ledpi.runtime.reporting import event
 from ledpi.tap.client import Client, connect
 
@@ -51,6 +51,7 @@ class Bridge:
         self._is_open = False
         self._stopping = False
         self._said: str | None = None  # of the target's absence, the last time
+        self._unfit: str | None = None  # of a frame that could not be sent, the last time
         self._retry_s, self._backoff_s = 0.0, BACKOFF_FIRST_S
         self._tap: Client | None = None
         self._reader = threading.Thread(target=self._follow, name="tap", daemon=True)
@@ -105,13 +106,25 @@ class Bridge:
             self._lose(error)
 
     def _send(self, frame: Line) -> None:
-        now_ns = time.monotonic_ns()
-        if now_ns - frame["exposed_ns"] > self._max_age_ns:
+        now_ns, exposed_ns = time.monotonic_ns(), frame.get("exposed_ns")
+        if not isinstance(exposed_ns, int) or now_ns - exposed_ns > self._max_age_ns:
             self.counters.stale += 1
-        elif self._target.send(frame, now_ns):
+        elif self._takes(frame, now_ns):
             self.counters.sent += 1
         else:
             self.counters.refused += 1
+
+    def _takes(self, frame: Line, now_ns: int) -> bool:
+        """Whether the target has it now. A frame that fits no message of the target is refused, and stops nothing."""
+        try:
+            return self._target.send(frame, now_ns)
+        except TransientError:
+            raise
+        except (LedpiError, LookupError, TypeError, ValueError, AttributeError) as error:
+            if str(error) != self._unfit:
+                self._unfit = str(error)
+                _log.warning(event("frame_refused", output=self._name, error=f"{type(error).__name__}: {error}"))
+            return False
 
     def _open(self) -> bool:
         if time.monotonic() < self._retry_s:
@@ -169,5 +182,5 @@ def _mail_of(line: Line) -> Mail:
     if kind == "decoded":
         return Mail(frame=line)
     if kind == "health":
-        return Mail(health=line, state=str(line["state"]))
+        return Mail(health=line, state=str(line.get("state")))
     return Mail(state="no_daemon") if kind == "lost" else Mail()

@@ -123,6 +123,16 @@ def test_garbage_from_the_far_end_does_no_harm(far: Far, running: Running) -> No
     assert running.process.poll() is None
 
 
+def test_a_frame_that_fits_no_message_stops_nothing(far: Far, running: Running, daemon: MadeUpDaemon) -> None:
+    """The next one is sent."""
+    daemon.frame = {"markers": [{"id": 7}]}
+    time.sleep(0.3)
+    daemon.frame = {}
+    time.sleep(0.1)
+    assert frames_after(far, len(far.frames))
+    assert running.process.poll() is None
+
+
 def test_a_daemon_that_ends_and_comes_back_is_followed_again(
     far: Far, running: Running, daemon: MadeUpDaemon, tmp_path: Path
 ) -> None:
