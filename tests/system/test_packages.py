@@ -130,7 +130,7 @@ def test_a_wheel_holds_every_file_of_the_package(machine: str, dist: Path) -> No
 @slow
 @pytest.mark.parametrize("version", PYTHONS)
 def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_path: Path) -> None:
-    """In a fresh environment, with no other program to be found: it installs, decodes, and can be imported."""
+    """In a fresh environment, with no other program to be found: it installs, decodes, runs, and can be imported."""
     python = interpreter(version)
     if python is None:
         pytest.skip(f"python{version} is not here")
@@ -139,6 +139,10 @@ def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_pat
     assert shutil.which("gcc", path=alone) is None
     run(programs / "pip", "install", "--quiet", "--only-binary=:all:", wheel(dist, "x86_64"), path=alone)
     check_decoded(run(programs / "ledpi", "decode", "--single-frame", take, path=alone))
+    config = ("--config", tmp_path / "config.yaml", "--set", "camera.source=simulated")
+    run(programs / "ledpi", "config", "init", tmp_path / "config.yaml", path=alone)
+    assert "✓ panels             ID 7, 23 read" in run(programs / "ledpi", "doctor", *config, path=alone)
+    run(programs / "ledpi", "run", *config, "--set", "tap.socket=null", "--frames", "30", path=alone)
     program = "import ledpi; print(ledpi.__version__, ledpi.Reader(side_m=0.16).rejected)"
     assert run(programs / "python", "-c", program, path=alone) == f"{__version__} {{}}\n"
 
