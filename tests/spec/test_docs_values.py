@@ -109,6 +109,9 @@ def test_the_parts_of_the_first_panel(circuit: Circuit) -> None:
     assert f"| {walls} and 4 | walls" in guide
     assert f"{circuit.supply_v:g} V and {circuit.supply_rating_a:g} A" in guide
     assert f"draws {circuit.panel_w:.1f} W" in guide
+    assert pieces["the Arduino's own supply"] == "1"
+    assert "USB charger" in guide
+    assert "USB charger" in readme
     assert f"{leds} white LEDs, 16 resistors" in readme
     assert f"a supply of {circuit.supply_rating_a:g} A" in readme
     assert f"about {circuit.panel_w:.0f} W" in readme

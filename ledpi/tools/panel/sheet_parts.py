@@ -68,6 +68,7 @@ def _electric_parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
         ),
         ("2 + 2", f"resistor {ohm_text(GATE_OHM)}, {ohm_text(PULL_DOWN_OHM)}", "0.125 W; pin to gate, and gate to GND"),
         ("1", "supply", f"{circuit.supply_v:g} V, {circuit.supply_rating_a:g} A; fuse, and 100 µF beside the panel"),
+        ("1", "the Arduino's own supply", "USB charger of 5 V, and its cable; GND joined with the panel's"),
     ]
 
 
