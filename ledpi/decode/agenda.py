@@ -14,6 +14,17 @@ SEARCH_EVERY = 3
 SAME = 0.25  # of the side: candidates whose middles are no further apart, from frame to frame, are in one place
 
 
+UNLIKELY = (
+    2  # that a frame by itself tries where nothing likely is a panel, as the glance's template is not all panels'
+)
+
+
+def alone(candidates: list[Candidate]) -> list[Candidate]:
+    """The order in which a frame by itself tries them: those that are likely, then the best of the others."""
+    likely = [one for one in candidates if one.likely]
+    return likely + sorted((one for one in candidates if not one.likely), key=lambda one: -one.evidence)[:UNLIKELY]
+
+
 @dataclass(slots=True, eq=False)
 class Agenda:
     """Of one stream. Call `is_due` once a frame, then `schedule`, then `tried` for each candidate that was fitted."""

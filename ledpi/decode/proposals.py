@@ -31,7 +31,12 @@ class Candidate(NamedTuple):
     corners_px: Floats  # (4, 2), clockwise as seen in the picture
     side_px: float
     dark_rows: int = 0  # of a band that may hide its upper or lower end
-    likely: bool = True  # at a glance
+    evidence: float = math.inf  # of a panel at a glance, in nats, beyond what chance gives of so many candidates
+
+    @property
+    def likely(self) -> bool:
+        """Whether it is worth a fit."""
+        return self.evidence > 0.0
 
     @classmethod
     def from_corners(cls, corners_px: Floats, dark_rows: int = 0) -> Candidate:
@@ -76,8 +81,8 @@ class Proposer:
         corners, sides, evidence = (each.copy() for each in looked)
         unlikely = math.log(max(len(sides), 1) / WASTED)
         return [
-            Candidate(read_only(at), side, band_rows or 0, likely)
-            for at, side, likely in zip(corners, sides.tolist(), (evidence > unlikely).tolist(), strict=True)
+            Candidate(read_only(at), side, band_rows or 0, nats)
+            for at, side, nats in zip(corners, sides.tolist(), (evidence - unlikely).tolist(), strict=True)
         ], dropped
 
     def _band_rows(self, frame: Frame) -> int | None:

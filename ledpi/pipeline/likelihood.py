@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Detection, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
-from ledpi.decode.agenda import Agenda
+from ledpi.decode.agenda import Agenda, alone
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.history import Identity
 from ledpi.decode.identify import decision
@@ -109,12 +109,14 @@ class LikelihoodPath:
         Of a frame that is alone a candidate that is no panel as it stands, though its corners are certain, may end in a
         dark band: then its ends are moved. In a stream the next frame's bands are elsewhere.
         """
-        proposed = self._propose(frame, work)
-        candidates = deque(self._agenda.schedule(proposed) if self._stream else [one for one in proposed if one.likely])
+        proposed, is_read = self._propose(frame, work), False
+        candidates = deque(self._agenda.schedule(proposed) if self._stream else alone(proposed))
         while candidates and self._locator.spent < most:
             candidate = candidates.popleft()
             if self._tracker.is_followed(candidate.corners_px):
                 continue
+            if is_read and not self._stream and not candidate.likely:
+                break
             quad = self._localise(frame, candidate, work)
             found: list[Detection] = []
             if not isinstance(quad, Rejected):
@@ -123,6 +125,7 @@ class LikelihoodPath:
                     work.reject(candidate.corners_px, SAME_PLACE)
                 sampled = self._sample(frame, [associated] if associated else [], sampled_squares, work)
                 found = self._identify(frame, sampled, work)
+                is_read = is_read or bool(found)
                 yield found
             if not self._stream and not found and (quad is MISFIT or isinstance(quad, Quad)):
                 candidates.extend(candidate.moved_ends())

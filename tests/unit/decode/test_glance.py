@@ -8,7 +8,7 @@ import pytest
 
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Pixels
-from ledpi.decode.agenda import Agenda
+from ledpi.decode.agenda import Agenda, alone
 from ledpi.decode.finding.glance import template
 from ledpi.decode.proposals import Candidate
 from ledpi.kernels.find import Glancer
@@ -98,7 +98,7 @@ def test_panels_of_other_dictionaries_have_their_own_template(cells: int) -> Non
 def test_what_is_unlikely_has_its_turn_in_a_stream() -> None:
     """One in each search, those tried longest ago first; the likely ones come before."""
     likely, *others = (Candidate.from_corners(square(100.0 * k, 100, 50)) for k in range(1, 5))
-    others = [each._replace(likely=False) for each in others]
+    others = [each._replace(evidence=-1.0) for each in others]
     agenda, tried = Agenda(), []
     for _ in range(6):
         assert agenda.is_due(all_detected=False)
@@ -107,3 +107,10 @@ def test_what_is_unlikely_has_its_turn_in_a_stream() -> None:
         agenda.tried(last)
         tried.append(round(last.corners_px[:, 0].mean() / 100))
     assert tried == [2, 3, 4, 2, 3, 4]
+
+
+def test_a_frame_by_itself_tries_the_best_of_the_unlikely_last() -> None:
+    """The likely ones come in their order, then two of the others, the likelier one first."""
+    given = [(1, 3.0), (2, -9.0), (3, 1.0), (4, -2.0), (5, -1.0)]
+    candidates = [Candidate.from_corners(square(100.0 * k, 100, 50))._replace(evidence=nats) for k, nats in given]
+    assert [one.evidence for one in alone(candidates)] == [3.0, 1.0, -1.0, -2.0]
