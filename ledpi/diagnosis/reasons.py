@@ -70,7 +70,7 @@ REASONS: dict[str, Explained] = {
     "suppression.same_panel": Explained("two squares for one panel; the better one is kept", ""),
     "pose.unsolved": Explained("no pose in front of the camera fits the corners", "calibrate the lens"),
     "pose.not_square": Explained(
-        "no pose of a square explains the corners: they are off by 5 % of the side or so",
+        "no pose of a square explains the corners: they are off by 4 % of the side or more",
         "calibrate the lens; check that the grid is square, and that nothing bright touches it",
     ),
     "fix.not_in_map": Explained("no panel in view is in the map", "add it to the map"),

@@ -13,15 +13,14 @@ from ledpi.core.geometry import matrix_from_quaternion, quad_side, quaternion_fr
 from ledpi.core.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
 from ledpi.kernels import pose as kernel
 from ledpi.kernels.lens import projected
-from ledpi.pose.corners import FLOOR_PX, whiteners
+from ledpi.pose.corners import whiteners
 from ledpi.pose.refine import STOP
 
 UNSOLVED = Rejected(stage="pose", reason="unsolved")
 NOT_SQUARE = Rejected(stage="pose", reason="not_square")
 
-# Of the side: corners that err by more, once what no pose explains of them is in their errors, tell of no square. Where
-# a side has four cells it is a fifth of one; a fit's corners err by an eighth at most.
-MAX_SIGMA = 0.05
+# No square looks like four corners that its nearest pose misses by more, as a share of the side.
+MAX_REPROJECTION = 0.04
 # Where the refinement led both to one pose (a panel seen square on has but one): closer than this.
 SAME_DEG = 0.1
 # Eight coordinates less the six numbers of a pose; and the χ² that these exceed by chance once in a hundred times.
@@ -98,12 +97,17 @@ def _checked(one: PlanarSolution, other: PlanarSolution, square: _Square) -> Sol
         least_deg = max(SAME_DEG, math.degrees(math.sqrt(np.trace(_covariance(best)[3:, 3:]))))
     if best.chi2 > SURPRISING:
         ratio = 1.0 + (best.chi2 - SURPRISING) / FREEDOM
-        side_px = quad_side(square.corners_px.tolist())
-        variance_px2 = FLOOR_PX**2 + float(np.trace(square.covariance_px2)) / 8.0
-        if ratio * variance_px2 > (MAX_SIGMA * side_px) ** 2:
+        if _least_reprojection_px(square) > MAX_REPROJECTION * quad_side(square.corners_px.tolist()):
             return NOT_SQUARE
         best, second = _scaled(best, ratio), _scaled(second, ratio)
     return (best, second) if _apart_deg(best, second) > least_deg else (best,)
+
+
+def _least_reprojection_px(square: _Square) -> float:
+    """Of the pose that is nearest in pixels. The weighted one may be far off corners of which little is known."""
+    whiten, side_m = whiteners(np.zeros((1, 8, 8))), np.array([square.side_m])
+    found, _ = kernel.solve_squares(square.corners_px[None], whiten, side_m, square.lens, STOP)
+    return float(found[0, :, kernel.REPROJECTION].min())
 
 
 def _apart_deg(one: PlanarSolution, other: PlanarSolution) -> float:
