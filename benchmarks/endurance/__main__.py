@@ -6,7 +6,14 @@ import sys
 
 from benchmarks.running import Part, run
 
-PARTS = (Part("attack"), Part("receivers"), Part("soak"), Part("crowd"), Part("record", module="libcamera"))
+PARTS = (
+    Part("attack"),
+    Part("receivers"),
+    Part("soak"),
+    Part("crowd"),
+    Part("bridges", module="paho"),
+    Part("record", module="libcamera"),
+)
 
 if __name__ == "__main__":
     sys.exit(run("benchmarks.endurance", PARTS))

@@ -98,9 +98,10 @@ class MadeUpDaemon:
         hello: dict[str, Any] | None = None,
         picture: dict[str, Any] | None = None,
         numbered: bool = False,
+        frame_s: float = 0.02,
     ) -> None:
-        """`numbered`: the panel's x is the frame's number, in mm."""
-        self.numbered, self.frames_shown = numbered, 0
+        """`numbered`: the panel's x is the frame's number, in mm. `frame_s`: from frame to frame."""
+        self.numbered, self.frame_s, self.frames_shown = numbered, frame_s, 0
         self.hello, self.extra = HELLO | (hello or {}), picture or {}
         self.disk_is_full = True
         self.frame: dict[str, Any] = {}
@@ -169,7 +170,7 @@ class MadeUpDaemon:
 
     def _show(self) -> None:
         seq = 0
-        while not self._closing.wait(0.02):
+        while not self._closing.wait(self.frame_s):
             seq += 1
             self.frames_shown = seq
             line = decoded(seq, **self.frame)
