@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
+from benchmarks import ROOT
 from benchmarks.running import Part, run
+
+SHARED = ROOT.parent / "shared"  # recordings that other code drew
 
 PARTS = (
     Part("panels"),
+    Part("ratios", tuple(str(SHARED / each) for each in ("foreign", "recordings")), path=SHARED),
     Part("worst_frames", ("--only", "/600/4X4_50/")),  # all of them take a quarter of an hour
+    Part("instructions", path=Path("/usr/bin/valgrind")),
     Part("latency"),
     Part("viewers"),
     Part("capture", module="libcamera"),

@@ -42,7 +42,8 @@ def test_smooth_texture_is_likelier_than_a_panel(seed: int) -> None:
     rng = np.random.default_rng(seed)
     blots = cv2.GaussianBlur(rng.standard_normal((480, 640)), (0, 0), 8.0)
     pixels = np.clip(100 + 40 * blots / blots.std(), 0, 255).astype(np.uint8)
-    there = [square(*rng.uniform((90, 90), (550, 390)), rng.uniform(24, 120), rng.uniform(0, 90)) for _ in range(100)]
+    drawn = rng.uniform((90, 90, 24, 0), (550, 390, 120, 90), (100, 4)).tolist()
+    there = [square(x, y, side, turn) for x, y, side, turn in drawn]
     _, evidence = look(pixels, *there)
     assert (evidence > LIKELY).sum() <= 1
 
