@@ -53,7 +53,9 @@ def meet(sample):
 
     def hear(sample):
         message = text(types.deserialize_cdr(bytes(sample.payload), name))
-        print(json.dumps({"topic": topic, "type": name, "node": node, "message": message}), flush=True)
+        line = json.dumps({"topic": topic, "type": name, "node": node, "message": message})
+        sys.stdout.write(line + "\\n")  # at once: each topic has a thread of its own
+        sys.stdout.flush()
 
     subscribers[topic] = session.declare_subscriber(f"{domain}{topic}/{kind}/{its_hash}", hear)
 
