@@ -234,7 +234,9 @@ def irradiance(
     Sample i of a row is at pixel x0 + (i − 1)/3. Samples nearer than the blur's margin to the region's
     border are right only where the surface does not change beyond it.
     """
-    corners = project(surface.outline_m(), camera_from_surface, intrinsics)
+    # Of the size alone, so without the lens's bending: a floor reaches further than a lens shows.
+    in_camera = surface.outline_m() @ camera_from_surface[:3, :3].T + camera_from_surface[:3, 3]
+    corners = in_camera[:, :2] / in_camera[:, 2:] * (intrinsics.fx, intrinsics.fy)
     left, top, right, bottom = np.linalg.norm(corners - corners[[3, 0, 1, 2]], axis=1) * SUPERSAMPLING
     planes = surface.shrunk(max(top, bottom), max(left, right))
     rows, columns = planes[0].shape

@@ -336,3 +336,11 @@ def test_antiphase_classes_are_half_a_cycle_apart() -> None:
     still = (black + white) / 2
     assert np.ptp(black / still) > 0.06
     np.testing.assert_allclose(black / still - 1, 1 - white / still, atol=1e-5)
+
+
+def test_what_reaches_further_than_the_lens_shows_is_drawn_as_far_as_it_does() -> None:
+    """At 5 cm a panel's corners are 66° aside, where this lens's equation has folded back."""
+    folding = dataclasses.replace(PINHOLE, distortion=(-0.3, 0.0, 0.0, 0.0, 0.0))
+    light = Renderer(dark_scene(panel(standing(z_m=0.05)), camera=sensor(folding)), seed=5).light(0)
+    assert np.isfinite(light).all()
+    assert light[240].max() > 0.1
