@@ -9,6 +9,7 @@ import numpy as np
 from ledpi.core.geometry import box, corners_apart, project_to_quad, quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.decode.cells import MIN_CELL_PX
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, dimmest
 from ledpi.decode.finding.glance import template
 from ledpi.decode.finding.pyramid import Pyramid
@@ -149,6 +150,13 @@ class Locator:
         fine = Effort(rounds=6, reweightings=1, faint=band_depth(frame, self._specs) <= FAINT_DEPTH)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
         return self._quad(fit if known[RIM:SHAPE].max() > LEAST_HIDDEN else self._best_placed(frame, fit))
+
+    def evidence(self, frame: Frame, quad: Quad, spec: PanelSpec) -> Evidence | None:
+        """The evidence on the bands of a panel that was fitted here; None where there is none, or bands are deep."""
+        if quad.lattice_px is None or quad.unknown is None or band_depth(frame, (spec,)) > FAINT_DEPTH:
+            return None
+        window = Window.crop(frame, quad.lattice_px, REACH)
+        return None if window is None else self._fitter.evidence(frame, window, quad.lattice_px, quad.unknown, spec)
 
     def _fitted(
         self,

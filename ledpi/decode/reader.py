@@ -7,13 +7,13 @@ all frames together show? And if none: do they show one at other frequencies tha
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from ledpi.core.records import Frame, PanelSpec, Rejected
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.evidence.prediction import UNLIKE, Prediction
 from ledpi.decode.evidence.waves import band_prior, is_deep
@@ -47,6 +47,13 @@ INNOVATION = Rejected(stage="track", reason="innovation")
 NOT_THIS_PANEL = (decision.INCONSISTENT, decision.IMPLAUSIBLE)
 
 
+EvidenceByFit: TypeAlias = Callable[[PanelSpec], Evidence | None]
+
+
+def no_evidence(spec: PanelSpec) -> None:
+    """Nothing, of a frame whose fit is not known."""
+
+
 class Added(NamedTuple):
     """A history with one more frame."""
 
@@ -77,11 +84,17 @@ class Reader:
         self._false_id_rate = false_id_rate
         self._search_frequencies = search_frequencies
 
-    def read(self, history: History, samples: CellSamples, frame: Frame) -> Outcome:
-        """The codeword after this frame, or the reason why there is none."""
+    def read(
+        self, history: History, samples: CellSamples, frame: Frame, by_fit: EvidenceByFit = no_evidence
+    ) -> Outcome:
+        """The codeword after this frame, or the reason why there is none.
+
+        `by_fit`: the evidence of this frame's fit, at given frequencies; None where it has none. It is asked only where
+        the frame is read alone.
+        """
         identity = history.identity
         if identity is None or history.search.settling or not identity.matches(samples, frame):
-            return self._read_all_frames(history, samples, frame)
+            return self._read_all_frames(history, samples, frame, by_fit)
         return Outcome(history=history.confirm(), identity=identity, contradicted=False)
 
     def prepare_next(self, history: History, samples: CellSamples, frame: Frame) -> History:
@@ -98,9 +111,11 @@ class Reader:
         prediction = Prediction.from_memory(memory, identity.reading.cell_bands, _typical_nats(memory, identity))
         return history.expect(identity, prediction)
 
-    def _read_all_frames(self, before: History, samples: CellSamples, frame: Frame) -> Outcome:
+    def _read_all_frames(
+        self, before: History, samples: CellSamples, frame: Frame, by_fit: EvidenceByFit = no_evidence
+    ) -> Outcome:
         now, contradicted, gated = self._add_frame(before, samples, frame)
-        identity = INNOVATION if gated else self._decide(now, self._false_id_rate)
+        identity = INNOVATION if gated else self._decide(now, self._false_id_rate, by_fit)
         if (
             isinstance(identity, Rejected)
             and not contradicted
@@ -108,7 +123,7 @@ class Reader:
         ):
             # Together they tell nothing any more; where phases run other than expected, each frame still may by itself.
             only = now.keep_newest()
-            alone = self._decide(only, self._false_id_rate)
+            alone = self._decide(only, self._false_id_rate, by_fit)
             if isinstance(alone, Identity):
                 now, identity = only, alone
                 if before.last is not None and not _is_same(alone, before.last):
@@ -162,19 +177,22 @@ class Reader:
             return None
         return kept if _is_same(kept, last) else None
 
-    def _decide(self, history: History, rate: float) -> Identity | Rejected:
+    def _decide(self, history: History, rate: float, by_fit: EvidenceByFit = no_evidence) -> Identity | Rejected:
         if history.search.found is not None:
             rate /= CHOICES  # as frequencies that were chosen to fit leave chance more ways to look like a codeword
-        readings = [self._read_memory(memory, group, rate) for group, memory in enumerate(history.memories)]
+        readings = [self._read_memory(memory, group, rate, by_fit) for group, memory in enumerate(history.memories)]
         reading = decision.select_best(readings, rate)
         if isinstance(reading, Rejected):
             return reading
         ids = [r.id if isinstance(r, Reading) else None for r in readings]
         return Identity(group=ids.index(reading.id), reading=reading)
 
-    def _read_memory(self, memory: PanelMemory, group: int, rate: float) -> Reading | Rejected:
+    def _read_memory(
+        self, memory: PanelMemory, group: int, rate: float, by_fit: EvidenceByFit = no_evidence
+    ) -> Reading | Rejected:
         book = self._codebooks[group]
-        alone = self._read_newest(memory, book if memory.spec is book.spec else replace(book, spec=memory.spec), rate)
+        book = book if memory.spec is book.spec else replace(book, spec=memory.spec)
+        alone = self._read_newest(memory, book, rate, by_fit)
         if alone is not None:
             return alone
         evidence = memory.evidence()
@@ -182,14 +200,18 @@ class Reader:
             return evidence
         return decision.decide(evidence, book, rate)
 
-    def _read_newest(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
+    def _read_newest(
+        self, memory: PanelMemory, book: Codebook, rate: float, by_fit: EvidenceByFit
+    ) -> Reading | Rejected | None:
         """The reading of the newest frame alone; None if all frames together must decide.
 
         A single frame of deep bands is decisive: it has a codeword, or it shows that something is wrong.
         """
         samples, frame = memory.newest
         if memory.frames == 1:
-            return decision.read_codeword(samples, frame, book, rate)
+            evidence = by_fit(book.spec)
+            reading = UNFIT if evidence is None else decision.decide(evidence, book, rate)
+            return reading if isinstance(reading, Reading) else decision.read_codeword(samples, frame, book, rate)
         if not is_deep(band_prior(frame, book.spec)):
             return None
         reading = decision.read_codeword(samples, frame, book, rate)

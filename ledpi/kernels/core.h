@@ -179,6 +179,20 @@ enum { LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160 };
 int ledpi_fit_panel(PanelFit *fit, uint8_t *room);
 ptrdiff_t ledpi_panel_room(void);
 
+/* The evidence on the bands of a panel that `fit` has fitted, on a grid of equal steps within it, `step_px` of `light` across
+ * and down; of as many waves as tell the classes apart. `turn`: of each wave cosine and sine of its fundamental's phase in row
+ * 0, over its amplitude. Out come score (cells², 2·waves), information (cells², 2·waves)² over the variance of what is left;
+ * by how much that was inflated for noise that is alike; and how many samples were free. */
+typedef struct {
+    PanelFit fit;
+    ptrdiff_t waves;
+    double turn[2][2], step_px[2];
+    double *score, *information, inflation, freedom;
+} PanelEvidence;
+
+bool ledpi_panel_evidence(PanelEvidence *evidence, uint8_t *room);
+ptrdiff_t ledpi_panel_evidence_room(void);
+
 /* ---- Rays and pixels (lens.c) */
 
 void ledpi_project_points(const double *lens, ptrdiff_t count, const double *points, double *pixels, double *slopes);

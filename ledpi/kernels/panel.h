@@ -56,6 +56,7 @@ typedef struct {
  * of the cells that meet there (the nearest down and across, then the next), not weighted. */
 typedef struct {
     Eight by[DENSE], own[2][2][OWN], seen, predicted, weight, row, outside; /* row of the picture; share beside the panel */
+    Eight wave[2], later[2]; /* either class's wave there, and its slope by phase, in cycles */
     bool tells[LEDPI_WIDTH]; /* within the view and not saturated */
 } Samples;
 

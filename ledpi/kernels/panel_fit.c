@@ -39,7 +39,7 @@ static bool is_without_bands(Bands bands, const Work *work) {
     return bands.seen < SHALLOW * bands.expected && 0.5 * SHALLOW * bands.expected > NATS_NEEDED * variance_of(work);
 }
 
-static Fitting begun(const PanelFit *asked, PanelFit *into) {
+Fitting ledpi_panel_begun(const PanelFit *asked, PanelFit *into) {
     Fitting fit = {
         .view = {asked->light, asked->rows, asked->columns, asked->first_x, asked->first_y, asked->shrink, asked->saturated,
                  {asked->focal[0], asked->focal[1]}, {asked->centre[0], asked->centre[1]}, (const Lens *)asked->lens},
@@ -133,7 +133,7 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     const ptrdiff_t cells = asked->cells, blocks = cells * cells * BLOCKS * BLOCKS + 4 * cells;
     if (asked->lines > LEDPI_MOST_LINES || cells > MOST_CELLS) return LEDPI_DIVERGED;
     double h[9];
-    Fitting fit = begun(asked, asked);
+    Fitting fit = ledpi_panel_begun(asked, asked);
     for (ptrdiff_t b = 0; b < blocks; b++) work->weight[b] = 1.0;
     work->sampled = 0;
     const int outcome = iterate(&fit, h, &asked->settled, work);

@@ -46,6 +46,12 @@ static inline int ledpi_ascending(const void *a, const void *b) {
     return (one > other) - (one < other);
 }
 
+/* A fit as it is asked for, before its first round (panel_fit.c). */
+Fitting ledpi_panel_begun(const PanelFit *asked, PanelFit *into);
+
+/* The block that a place, in cells, is weighed with: a part of a cell, or what is beside one (panel_sums.c). */
+ptrdiff_t ledpi_panel_block(double across, double down, ptrdiff_t cells);
+
 /* Puts the lines of the grid where homography h and the unknowns have them (panel_sums.c). */
 void ledpi_panel_put_grid(Fitting *fit, const double h[9], Work *work);
 

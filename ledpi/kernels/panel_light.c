@@ -247,6 +247,7 @@ LEDPI_SIMD void ledpi_panel_sample(const Panel *panel, const View *view, const f
     put_places(view, h, across->at, v, &x, &y, &s->row);
     put_seen(panel, view, x, y, s);
     put_waves(panel, unknown, s->row, &t);
+    for (int k = 0; k < 2; k++) s->wave[k] = t.wave[k], s->later[k] = t.later[k];
     s->predicted = none + unknown[DARK];
     s->outside = none;
     for (int j = 0; j < 2; j++)

@@ -74,8 +74,7 @@ void ledpi_panel_put_grid(Fitting *fit, const double h[9], Work *work) {
     put_lines(fit, h, work);
 }
 
-/* The block that a place, in cells, is weighed with: a part of a cell, or what is beside one. */
-static ptrdiff_t block_of(double across, double down, ptrdiff_t cells) {
+ptrdiff_t ledpi_panel_block(double across, double down, ptrdiff_t cells) {
     const double n = (double)cells;
     if (across >= 0.0 && across < n && down >= 0.0 && down < n)
         return (ptrdiff_t)(down * BLOCKS) * cells * BLOCKS + (ptrdiff_t)(across * BLOCKS);
@@ -201,7 +200,7 @@ LEDPI_SIMD void ledpi_panel_sum_up(const Fitting *fit, bool phasing, Work *work)
     int16_t blocks[LEDPI_MOST_LINES + LEDPI_WIDTH] = {0};
     ptrdiff_t count = 0; /* of columns that wait */
     for (ptrdiff_t j = 0; j < fit->lines; j++) {
-        for (ptrdiff_t i = 0; i < fit->lines; i++) blocks[i] = (int16_t)block_of(fit->along[i], fit->along[j], cells);
+        for (ptrdiff_t i = 0; i < fit->lines; i++) blocks[i] = (int16_t)ledpi_panel_block(fit->along[i], fit->along[j], cells);
         for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH, count += LEDPI_WIDTH) {
             Samples s;
             ledpi_panel_sample(&fit->panel, &fit->view, work->numbers, work->unknown, work->across + i / LEDPI_WIDTH,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import TypeAlias
 
 from ledpi.config.panels import PanelSettings
@@ -172,7 +173,7 @@ class LikelihoodPath:
         since = time.perf_counter()
         detections, times = [], frame.drop_picture()
         for quad, track, samples in sampled_squares:
-            outcome = self._reader.read(track.history, samples, times)
+            outcome = self._reader.read(track.history, samples, times, partial(self._locator.evidence, frame, quad))
             track.history = outcome.history
             if outcome.contradicted:
                 work.reject(quad.corners_px, CONTRADICTED)

@@ -36,7 +36,11 @@ def erase_unlit_cells(evidence: Evidence, samples: CellSamples, band_light: Sing
 
     `band_light` as in `find_unlit_cells`.
     """
-    unlit = find_unlit_cells(samples, band_light)
+    return erase_cells(evidence, find_unlit_cells(samples, band_light))
+
+
+def erase_cells(evidence: Evidence, unlit: Mask) -> Evidence:
+    """The evidence without what it holds of some cells (cells,)."""
     if True not in unlit.tolist():
         return evidence
     size, cell = evidence.score.size, np.repeat(unlit, evidence.score.shape[1])
