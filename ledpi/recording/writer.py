@@ -6,7 +6,6 @@ So what is there when the writing is cut off is a recording of the frames until 
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -178,11 +177,6 @@ def frame_line(frame: Frame, *, decoded: bool | None = None, search_budget: int 
         decoded=decoded,
         search_budget=search_budget,
     )
-
-
-def unix_offset_ns(frame: Frame) -> int:
-    """What to add to the frame's clock to get Unix time, as this machine's clocks stand now."""
-    return time.time_ns() - time.monotonic_ns() + frame.host_offset_ns
 
 
 def encode_picture(pixels: Pixels) -> bytes:

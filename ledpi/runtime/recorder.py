@@ -30,7 +30,8 @@ from ledpi.core.errors import RecordingError
 from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.pipeline.output import decoded_as_json
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.writer import RecordingWriter, encode_picture, unix_offset_ns
+from ledpi.recording.wall_clock import unix_offset_ns
+from ledpi.recording.writer import RecordingWriter, encode_picture
 from ledpi.runtime.threads import switch_promptly
 
 LIVE_FILE = "live.jsonl"

@@ -15,7 +15,8 @@ from typing import NamedTuple, TextIO
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
 from ledpi.pipeline.output import decoded_as_json
-from ledpi.recording.writer import RecordingWriter, unix_offset_ns
+from ledpi.recording.wall_clock import unix_offset_ns
+from ledpi.recording.writer import RecordingWriter
 from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.recorder import LIVE_FILE
 
