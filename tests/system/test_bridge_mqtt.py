@@ -30,8 +30,11 @@ def openssl(*words: str, folder: Path) -> None:
 def certificates(folder: Path) -> None:
     """An authority, and a broker's certificate that it has signed; another one that has ended."""
     new = ("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
-    openssl(*new, "-x509", "-days", "30", "-subj", "/CN=ca", "-keyout", "ca.key", "-out", "ca.pem", folder=folder)
-    (folder / "san").write_text("subjectAltName=DNS:localhost,IP:127.0.0.1\n", encoding="utf-8")
+    # Python 3.13 and newer ask for an authority's use, and for the name of its key.
+    authority = ("-x509", "-days", "30", "-subj", "/CN=ca", "-addext", "keyUsage=critical,keyCertSign")
+    openssl(*new, *authority, "-keyout", "ca.key", "-out", "ca.pem", folder=folder)
+    extensions = "subjectAltName=DNS:localhost,IP:127.0.0.1\nauthorityKeyIdentifier=keyid\n"
+    (folder / "san").write_text(extensions, encoding="utf-8")
     openssl(*new, "-subj", "/CN=localhost", "-keyout", "broker.key", "-out", "broker.csr", folder=folder)
     sign = ("x509", "-req", "-in", "broker.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial")
     openssl(*sign, "-extfile", "san", "-days", "30", "-out", "broker.pem", folder=folder)
