@@ -63,6 +63,13 @@ def without_times(lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{key: value for key, value in line.items() if key not in ("decode_ms", "recording")} for line in lines]
 
 
+def without_exposures(told: dict[str, Any]) -> dict[str, Any]:
+    """A line of the tap, but for when each pose was exposed: on the machine's clock, which a recording has not."""
+    markers = [{key: value for key, value in one.items() if key != "exposed_ns"} for one in told["markers"]]
+    robot = told["robot"] and {key: value for key, value in told["robot"].items() if key != "exposed_ns"}
+    return told | {"markers": markers, "robot": robot}
+
+
 def as_lines(decoded: Sequence[Decoded]) -> list[dict[str, Any]]:
     """What `ledpi decode` prints of them, but for times."""
     return without_times([decoded_as_json(each, "") for each in decoded])

@@ -22,7 +22,7 @@ from ledpi.simulate.scenes import DRIVE_IDS, MAP_FROM_SCENE
 from ledpi.tap.client import Client, connect
 from tests.builders.daemon import slowness
 from tests.builders.faults import ASIDE_M, AWAY_M, PLACE_PX
-from tests.builders.rewind import without_times
+from tests.builders.rewind import without_exposures, without_times
 from tests.builders.view import (
     CHROMIUM,
     COMMAND,
@@ -278,9 +278,7 @@ def test_the_last_seconds_are_what_the_tap_told(chromium: Any, tmp_path: Path) -
 def _keep(tap: Client, told: dict[int, Any]) -> None:
     for line in tap.lines():
         if line["type"] == "decoded":
-            for pose in [*line["markers"], line["robot"] or {}]:
-                pose.pop("exposed_ns", None)  # on this machine's clock: a recording has the camera's
-            told[line["seq"]] = line
+            told[line["seq"]] = without_exposures(line)
 
 
 def test_each_button_says_what_it_has_done(opened: Any) -> None:
