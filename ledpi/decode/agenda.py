@@ -9,10 +9,11 @@ import numpy as np
 from ledpi.core.records import Floats, Integers
 from ledpi.decode.proposals import Candidate
 
-# A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its panels.
+# A stream searches the whole picture for newcomers in every third frame, and sooner where a panel is missing: after one
+# frame, then two, then three, if searches are in vain, as each delays the panels that are there. In a frame that shows
+# none it delays nothing.
 SEARCH_EVERY = 3
 SAME = 0.25  # of the side: candidates whose middles are no further apart, from frame to frame, are in one place
-
 
 UNLIKELY = (
     2  # that a frame by itself tries where nothing likely is a panel, as the glance's template is not all panels'
@@ -30,15 +31,21 @@ class Agenda:
     """Of one stream. Call `is_due` once a frame, then `schedule`, then `tried` for each candidate that was fitted."""
 
     since_search: int = SEARCH_EVERY
+    in_vain: int = 0  # searches for panels that are missing, one after the other
     turn: int = 0
     middles: Floats = field(default_factory=lambda: np.empty((0, 2)))  # of what was tried, (N, 2)
     turns: Integers = field(default_factory=lambda: np.empty(0, np.int64))  # when, (N,)
 
-    def is_due(self, *, all_detected: bool) -> bool:
-        """Whether the picture is searched: it is time again, or a panel is not at its predicted place."""
+    def is_due(self, *, all_detected: bool, any_detected: bool = False) -> bool:
+        """Tell whether the picture is searched, by how many of the known panels it has shown where expected."""
         self.since_search += 1
-        due = self.since_search >= SEARCH_EVERY or not all_detected
+        if all_detected:
+            self.in_vain, wait = 0, SEARCH_EVERY
+        else:
+            wait = min(1 + self.in_vain, SEARCH_EVERY) if any_detected else 1
+        due = self.since_search >= wait
         if due:
+            self.in_vain += not all_detected
             self.since_search = 0
             self.turn += 1
         return due

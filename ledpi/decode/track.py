@@ -133,6 +133,10 @@ class Tracker:
         panels = [t for t in self._tracks if t.history.identity is not None]
         return bool(panels) and all(t.state.seen_ns == self._now_ns for t in panels)
 
+    def any_detected(self) -> bool:
+        """Whether this frame has shown a panel that was read."""
+        return any(t.history.identity is not None and t.state.seen_ns == self._now_ns for t in self._tracks)
+
     def is_followed(self, corners_px: Floats) -> bool:
         """Whether a square with these corners (4, 2) belongs to a track that this frame has already shown.
 

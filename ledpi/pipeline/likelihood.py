@@ -78,7 +78,8 @@ class LikelihoodPath:
             if self._locator.spent >= most:
                 break
             yield self._identify(frame, self._follow(frame, [track], sampled_squares, work), work)
-        if self._agenda.is_due(all_detected=self._tracker.all_detected()):
+        shown = self._tracker
+        if self._agenda.is_due(all_detected=shown.all_detected(), any_detected=shown.any_detected()):
             yield from self._search(frame, most, sampled_squares, work)
         if self._stream:
             self._prepare_next(frame, sampled_squares, work)

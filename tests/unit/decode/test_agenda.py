@@ -88,6 +88,21 @@ def test_the_picture_is_searched_every_third_frame_while_all_panels_are_seen() -
     assert [agenda.is_due(all_detected=True) for _ in range(SEARCH_EVERY)] == [False, False, True]
 
 
+def test_a_missing_panel_is_searched_for_less_and_less_often() -> None:
+    """A search in vain delays the panels that are there: so after one frame, two, three; and anew once it was back."""
+    agenda = Agenda()
+    missing = [agenda.is_due(all_detected=False, any_detected=True) for _ in range(12)]
+    assert missing == [True, False, True, False, False, True, False, False, True, False, False, True]
+    assert not agenda.is_due(all_detected=True, any_detected=True)
+    assert agenda.is_due(all_detected=False, any_detected=True)
+
+
+def test_where_no_panel_is_shown_each_frame_is_searched() -> None:
+    """Nothing is delayed by it."""
+    agenda = Agenda()
+    assert [agenda.is_due(all_detected=False, any_detected=False) for _ in range(6)] == [True] * 6
+
+
 def test_what_was_tried_is_kept_small() -> None:
     """However long a stream is: as many places as were proposed."""
     agenda, rng = Agenda(), np.random.default_rng(1)
