@@ -292,7 +292,10 @@ def complaint(
         (["--config", "none.yaml"], "none.yaml: cannot be read"),
         (["--set", "serial.baud=9600"], "panels.side_m: must be given"),
         (["--set", "panels.side_m=0"], "panels.side_m: must be greater than or equal to 0.001"),
-        (["--set", "panels.side_m=1", "--set", "camera.source=film"], "camera.source: must be picamera2, simulated"),
+        (
+            ["--set", "panels.side_m=1", "--set", "camera.source=film"],
+            "camera.source: must be picamera2, picamera2:N, simulated",
+        ),
         (["--set", "panels.side_m=1", "--set", "serial.baud=fast"], "serial.baud: must be a whole number"),
         (["--set", "panels.side_m=1", "--set", "serial.prot=x"], "serial.prot: unknown key; did you mean port?"),
         (["--set", "panels.side_m=1", "--set", "camera.source=recording:gone"], "gone/recording.yaml: is missing"),
@@ -361,7 +364,7 @@ def test_a_camera_that_may_come_is_status_1_and_a_source_that_cannot_be_right_2(
     ended, output, errors = in_process(monkeypatch, capsys, "run")(*given)
     assert (ended, output, len(errors.splitlines())) == (status, "", 1)
     _, told, _ = in_process(monkeypatch, capsys, "run")("--help")
-    assert "1 where the camera is not there" in " ".join(told.split())
+    assert "1: the camera is absent" in " ".join(told.split())
 
 
 # ---- The daemon without its command line

@@ -233,7 +233,7 @@ def test_of_the_packets_the_last_seconds_are_counted() -> None:
 
     def counters(**changed: int) -> PublisherCounters:
         names = ("fixes", "statuses", "markers", "replaced", "stale", "refused", "cut", "opened")
-        return PublisherCounters(**(dict.fromkeys(names, 0) | changed), connected=True, error=None)
+        return PublisherCounters(**(dict.fromkeys(names, 0) | changed), port="/dev/ttyACM0", connected=True, error=None)
 
     recent = RecentPackets(counters())
     assert recent.add(counters(stale=500)) == {"seconds": 1, "sent": 0, "replaced": 0, "stale": 500, "refused": 0}

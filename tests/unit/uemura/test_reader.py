@@ -59,11 +59,11 @@ def reader(dictionary: str = "DICT_4X4_50", spec: PanelSpec = SPEC) -> UemuraRea
     return UemuraReader(known, list(range(len(known.codewords))), spec)
 
 
-def photograph(cells: Bits, corners: Floats = PLACE, **how: object) -> Frame:
-    """A panel at 151.5 µs, in noise."""
+def photograph(cells: Bits, corners: Floats = PLACE, *, seq: int = 0, **how: object) -> Frame:
+    """A panel at 151.5 µs, in noise of each frame's own."""
     canvas = Canvas(exposure_us=SHORT_US)
     canvas.panel(corners, cells, **how)  # type: ignore[arg-type]
-    return canvas.frame()
+    return canvas.frame(seq, seq=seq)
 
 
 def detections(steps: Steps) -> list[Detection]:
@@ -423,8 +423,8 @@ def test_the_panels_place_is_solved() -> None:
 def test_it_claims_no_margin() -> None:
     """The method weighs its answer against no other, so it cannot say how sure it is; nor does it need many frames."""
     pipeline = path(exposure_us=SHORT_US, stream=True)
-    for _ in range(3):
-        (marker,) = pipeline.decode(photograph(word(7))).markers
+    for seq in range(3):
+        (marker,) = pipeline.decode(photograph(word(7), seq=seq)).markers
         assert (marker.detection.margin, marker.detection.frames_used) == (0.0, 1)
 
 
