@@ -23,7 +23,8 @@ from ledpi.markers.codewords import Dictionary
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 
-OTHER_SIDES = (4, 5, 6, 7)  # cells of the predefined dictionaries
+# Cells of the predefined dictionaries, the most first: a part of a panel may show a word of fewer cells.
+OTHER_SIDES = (7, 6, 5, 4)
 AROUND = 0.5  # of a candidate's size, that is looked at around it
 MOST_RETUNED = 3  # candidates whose frequencies are sought in one frame
 
