@@ -44,7 +44,8 @@ def traces(work: Path) -> dict[int, tuple[PinTrace, list[str]]]:
 
 def decoded(folder: Path) -> list[dict[str, Any]]:
     """What `ledpi decode` says of each frame of the recordings there, each frame alone."""
-    command = [sys.executable, "-m", "ledpi", "decode", "--single-frame", str(folder)]
+    all_ids = f"panels.ids={list(range(50))}"  # also those that a part or a reflection of another panel can show
+    command = [sys.executable, "-m", "ledpi", "decode", "--single-frame", "--set", all_ids, str(folder)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
     return [json.loads(line) for line in done.stdout.splitlines()]
