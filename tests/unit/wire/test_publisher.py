@@ -508,7 +508,7 @@ def test_foreign_bytes_cost_no_packet(far_end: FarEnd, start: Start, octets: byt
         far_end.read_until(lambda: len(far_end.messages) >= sent)
     counters = far_end.receiver.counters
     assert (counters.lost, counters.restarts, counters.good) == (0, 0, sent)
-    assert (sum(counters.bad.values()) > 20) is (octets != b"\0")
+    assert (sum(counters.bad.values()) > 0) is (octets != b"\0")
 
 
 def test_without_a_port_nothing_is_opened_or_kept() -> None:
