@@ -78,7 +78,7 @@ def written(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, bytes]]:
         log.append((time.monotonic_ns(), data))
         return os.write(port, data)
 
-    monkeypatch.setattr("ledpi.wire.line.os", SimpleNamespace(write=write, strerror=os.strerror))
+    monkeypatch.setattr("ledpi.wire.line.os", SimpleNamespace(**vars(os) | {"write": write}))
     return log
 
 
