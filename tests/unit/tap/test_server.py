@@ -566,7 +566,7 @@ def test_a_daemons_settings_come_back_whole(tap: Tap) -> None:
 def test_a_daemons_settings_that_cannot_be_used_here_are_said(tap: Tap) -> None:
     """As a dictionary that only the daemon may read; a mistake of --set is the user's own."""
     with connect(tap.path) as client:
-        hidden = client.hello | {"panels": client.hello["panels"] | {"dictionary": "/root/words.yaml"}}
+        hidden = client.hello | {"panels": client.hello["panels"] | {"dictionary": "/srv/words.yaml"}}
         with pytest.raises(TapError, match=r"the daemon's panels cannot be used here: .*words\.yaml"):
             settings_of(hidden)
         with pytest.raises(ConfigError, match=r"panels\.ids: must be a list"):
