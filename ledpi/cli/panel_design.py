@@ -38,6 +38,13 @@ def design(
         [], min=0.05, max=1000, metavar="M", help="May be repeated. Default: near to farthest."
     ),
     tolerance_ppm: float = typer.Option(100, min=0, max=200_000, help="Of the oscillators: a crystal's is 100."),
+    own_light: float = typer.Option(
+        1.0,
+        min=0.01,
+        max=1,
+        metavar="SHARE",
+        help="In the panel's light; the rest is the room's, reflected by the diffuser.",
+    ),
     flicker: Flicker = typer.Option(Flicker.LOW_RISK, help="IEEE 1789's class: from 1250 Hz, or from 3000 Hz."),
     out: Path | None = typer.Option(None, metavar="FOLDER", help="Writes panel.yaml, antiphase.yaml and plots there."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
@@ -65,7 +72,7 @@ def design(
     overrides += [f"camera.frame_duration_us={1e6 / fps}"] if fps is not None else []
     overrides += [f"panels.side_m={side}"] if side is not None else []
     settings = load_config(file, tuple(overrides))
-    task = _task(settings, distance, tolerance_ppm, flicker)
+    task = _task(settings, distance, tolerance_ppm, flicker, own_light)
     if check is not None:
         _check(task, settings, check)
     else:
@@ -74,7 +81,7 @@ def design(
         _design(task, settings, out)
 
 
-def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flicker: Flicker) -> Task:
+def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flicker: Flicker, own_light: float) -> Task:
     from ledpi.markers.dictionaries import load_dictionary
     from ledpi.tools.panel.design import Task, farthest_m
 
@@ -90,6 +97,7 @@ def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flic
         distances_m=tuple(sorted(distances_m or (float(f"{share * farthest:.2g}") for share in _DISTANCE_SHARES))),
         tolerance=tolerance_ppm * 1e-6,
         flicker=flicker,
+        own_light=own_light,
     )
 
 
@@ -123,6 +131,7 @@ def _sensor(camera: CameraSettings) -> SimulatedSensor:
             row_time_us=row_time_us,
             frame_length_rows=rows,
             transfer="srgb" if camera.transfer == "auto" else camera.transfer,
+            gain=1.0 if camera.analogue_gain == "auto" else camera.analogue_gain,
         )
     except ValueError as error:
         raise ConfigError(f"camera: {error}") from None

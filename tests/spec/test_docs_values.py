@@ -15,6 +15,7 @@ from ledpi.core.shutter import contrast
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.panel.body import Body
 from ledpi.tools.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit
+from ledpi.tools.panel.pins import plan_pins
 from ledpi.tools.panel.sheet_parts import parts
 from tests.builders import ROOT
 from tests.builders.config import known_keys, written_values
@@ -96,6 +97,19 @@ def circuit() -> Circuit:
     """Of panel 7, as `ledpi panel sheet 7` plans it."""
     white = int(load_dictionary("DICT_4X4_50").codeword(7).sum())
     return plan_circuit(Lamps(supply_v=12.0, leds=None, forward_v=3.2, current_a=0.02), (16 - white, white))
+
+
+def test_the_currents_of_the_panel_on_sixteen_pins() -> None:
+    """Step 0 names what `ledpi panel sheet --direct` computes."""
+    circuit, guide = plan_pins(3.2, 0.0075), page("docs/first-panel.md")
+    assert f"| 16 | resistor, {ohm_text(circuit.resistor_ohm)} |" in guide
+    assert f"{1e3 * circuit.usual_a:.1f} mA. At the most that USB gives" in guide
+    assert f"| a pin | {1e3 * circuit.most_a:.1f} mA |" in guide
+    for name, amperes in circuit.ports_most_a().items():
+        assert f"| the ports {name} | {1e3 * amperes:.0f} mA |" in guide
+    assert f"its own | {1e3 * circuit.chip_most_a:.0f} mA |" in guide
+    assert f"about {circuit.luminance(30.0):.0f} cd/m²" in guide
+    assert f"{100 * circuit.own_share(30.0):.0f} % of its light is its own" in guide
 
 
 def test_the_parts_of_the_first_panel(circuit: Circuit) -> None:

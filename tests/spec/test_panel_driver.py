@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from ledpi.tools.panel.firmware import Build
+from ledpi.tools.panel.pins import CHIP_MOST_A, CHIP_OWN_A, PORTS, PORTS_MOST_A, plan_pins
 from tests.builders.panel import (
     ANTIPHASE,
     CELL_PINS,
+    CHIP_PINS,
     IDS,
     MAX_JITTER,
     PAIRS,
@@ -72,6 +74,27 @@ def test_sixteen_cells_in_antiphase_are_half_a_cycle_apart(tmp_path: Path) -> No
     for pin, name in zip(CELL_PINS, classes(7), strict=True):
         assert jitter(trace.edges[pin], half) <= MAX_JITTER
         assert abs(int(trace.edges[pin][0] - first["black"][0]) - half * (name == "white")) <= MAX_JITTER
+
+
+@pytest.mark.parametrize("pair", [ANTIPHASE, PAIRS[0]])
+def test_sixteen_pins_give_no_more_than_the_chip_may(tmp_path: Path, pair: tuple[float, float]) -> None:
+    """One LED on each, as `ledpi panel sheet --direct` has them: no level is short of half a period, from reset on; no
+    other pin moves; at no moment do pins that are on together give more than their ports and the chip may.
+    """
+    built = program(tmp_path / "sources", Build.SIXTEEN_CELLS, pair=pair)
+    trace, circuit = emulate(built, SECONDS, work=tmp_path), plan_pins(3.2, 0.0075)
+    assert {pin for pin, edges in trace.edges.items() if len(edges)} - {"PD0", "PD1"} == set(CELL_PINS)
+    for pin, name in zip(CELL_PINS, classes(7), strict=True):
+        levels = np.diff(trace.edges[pin], prepend=0)
+        assert levels.min() >= defined(built, name.upper()) - MAX_JITTER
+    moments = np.concatenate([trace.edges[pin] for pin in CELL_PINS])
+    on = {pin: np.searchsorted(trace.edges[pin], moments, side="right") % 2 for pin in CELL_PINS}
+    for board_pins in PORTS.values():
+        together = sum(on[CHIP_PINS[pin]] for pin in board_pins if CHIP_PINS[pin] in on)
+        assert np.max(together) * circuit.most_a <= PORTS_MOST_A
+    most = int(np.max(sum(on.values())))
+    assert pair == ANTIPHASE or most == 16  # the worst does happen
+    assert most * circuit.most_a + CHIP_OWN_A <= CHIP_MOST_A
 
 
 def test_two_outputs_move_no_other_pin(tmp_path: Path) -> None:

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ import pytest
 
 from ledpi.recording.reader import load_recording
 from ledpi.tools.panel.firmware import Build
-from tests.builders.panel import ANTIPHASE, program, record_panel, spec_of, wired_pins
+from tests.builders.panel import ANTIPHASE, CHIP_PINS, program, record_panel, spec_of, wired_pins
 from tests.builders.simavr import ROOT, PinTrace, emulate, needs_simavr
 
 pytestmark = needs_simavr
@@ -26,6 +28,7 @@ WIRED_IDS = [0, 4, 7, 12, 19, 20, 26, 34, 41, 48]  # by the wiring of the two-ou
 TOLD_IDS = [1, 5, 9, 14, 23, 29, 36, 38, 44, 49]  # over the serial line of the sixteen-cell build
 TRACED_S = 0.16
 FRAMES = 2
+PATHS = os.environ | {"PYTHONPATH": str(ROOT)}
 UPRIGHT_PX = 1.0  # a corner of a marker read a quarter turn wrong would be a panel's side away
 
 
@@ -46,8 +49,7 @@ def decoded(folder: Path) -> list[dict[str, Any]]:
     """What `ledpi decode` says of each frame of the recordings there, each frame alone."""
     all_ids = f"panels.ids={list(range(50))}"  # also those that a part or a reflection of another panel can show
     command = [sys.executable, "-m", "ledpi", "decode", "--single-frame", "--set", all_ids, str(folder)]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(command, cwd=folder, env=PATHS, capture_output=True, text=True, check=True)
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
@@ -114,6 +116,37 @@ def test_antiphase_panels_are_read_from_their_drivers_pins(tmp_path: Path) -> No
         )
     read = [[marker["id"] for marker in line["markers"]] for line in decoded(tmp_path / "shown")]
     assert read == [[7], [7], [23], [23]]
+
+
+def test_the_panel_of_the_first_hour_is_read_from_its_pins(tmp_path: Path) -> None:
+    """12 cm wide, wired as `ledpi panel sheet --direct` says, in antiphase; at a metre, from one frame each."""
+    built = program(tmp_path / "direct", Build.SIXTEEN_CELLS, 7, pair=ANTIPHASE)
+    record_panel(
+        tmp_path / "shown/7",
+        emulate(built, TRACED_S, work=tmp_path),
+        [CHIP_PINS[pin] for row in sheet_rows(tmp_path / "sheet") for pin in row],
+        7,
+        begin_s=0.06,
+        distance_m=1.0,
+        turned_deg=(20.0, 5.0),
+        frames=FRAMES,
+        spec=replace(spec_of(ANTIPHASE), side_m=0.12),
+    )
+    assert [[marker["id"] for marker in line["markers"]] for line in decoded(tmp_path / "shown")] == [[7], [7]]
+
+
+def sheet_rows(folder: Path) -> list[list[str]]:
+    """The pins of the cells, row by row, by where the sheet's front page has them."""
+    command = ["panel", "sheet", "7", "--direct", "--side", "0.12", "--out", str(folder)]
+    subprocess.run([sys.executable, "-m", "ledpi", *command], cwd=folder.parent, env=PATHS, check=True)
+    placed = [
+        (float(y), float(x), pin)
+        for pin, x, y in re.findall(
+            r"<!-- ([AD]\d+) -->\s*<g [^>]*translate\(([\d.]+) ([\d.]+)\)", (folder / "panel-7-front.svg").read_text()
+        )
+    ]
+    rows = sorted({round(y) for y, _, _ in placed})
+    return [[pin for y, _, pin in sorted(placed, key=lambda p: p[1]) if round(y) == row] for row in rows]
 
 
 def test_swapped_outputs_do_not_show_the_id(tmp_path: Path) -> None:

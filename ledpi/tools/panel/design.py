@@ -53,6 +53,7 @@ class Task:
     distances_m: tuple[float, ...]  # ascending
     tolerance: float  # of an oscillator, relative, up or down
     flicker: Flicker
+    own_light: float = 1.0  # share in the panel's light; the rest is the room's, which its diffuser reflects
 
     def spec(self, black_hz: float, white_hz: float) -> PanelSpec:
         """The panel with such a pair; of one frequency twice, the antiphase panel."""
@@ -63,7 +64,7 @@ class Task:
         """Amplitude of either class's bands, where its oscillator is off to the worse side."""
         exposure_us = self.sensor.exposure_us
         black, white = (least_amplitude(hz, exposure_us, self.tolerance, self.duty) for hz in (black_hz, white_hz))
-        return black, white
+        return self.own_light * black, self.own_light * white
 
     def least_apart_hz(self, black_hz: float, white_hz: float) -> float:
         """How far apart two frequencies must be: more than their oscillators may be off, and than what lets them drift

@@ -63,7 +63,7 @@ def table(task: Task, rows: Sequence[tuple[str, Proposal, Reach]]) -> str:
 def _line(task: Task, name: str, proposal: Proposal, reach: Reach) -> str:
     pair = (proposal.black_hz, proposal.white_hz)
     period_us = proposal.frame_length_rows * task.sensor.row_time_us
-    depth = [f"{100 * contrast(hz, task.sensor.exposure_us, task.duty):.1f}" for hz in pair]
+    depth = [f"{100 * task.own_light * contrast(hz, task.sensor.exposure_us, task.duty):.1f}" for hz in pair]
     advance = [f"{phase_advance_cycles(hz, period_us):+.2f}" for hz in pair]
     periods = [f"{task.periods_in_a_cell(hz, task.distances_m[-1]):.2f}" for hz in pair]
     mains = min(off_mains_hz(hz) for hz in pair)

@@ -55,7 +55,8 @@ def _sixteen_cells(firmware: Firmware) -> str:
     rows = [list(CELL_PINS[n * row : n * row + n]) for row in range(n)]
     return f"""## Wiring
 
-Each cell has its own pin, and its own MOSFET: a pin cannot carry a cell's LEDs.
+Each cell has its own pin. A pin carries one LED with its resistor, to GND; more LEDs need a MOSFET in each cell.
+`ledpi panel sheet {firmware.marker_id} --direct --out sheet` draws the former, with the values.
 {_both_views(rows)}
 D0 and D1 are the serial line, A4 and A5 are free. Edges jitter by less than 4 µs.{_antiphase(firmware)}
 

@@ -13,9 +13,11 @@ from ledpi.tools.panel.body import Body
 from ledpi.tools.panel.circuit import Circuit, ohm_text
 from ledpi.tools.panel.firmware_readme import OUTPUTS
 from ledpi.tools.panel.paper import MARGIN_MM, Page, write_pdf, write_svg
+from ledpi.tools.panel.pins import PinCircuit
 from ledpi.tools.panel.schematic import GATE_OHM, PULL_DOWN_OHM, SIZE_MM, draw_schematic
 from ledpi.tools.panel.sheet_parts import electrics, parts
-from ledpi.tools.panel.sheet_views import draw_back, draw_front, scaled_view, tile_count, true_views
+from ledpi.tools.panel.sheet_pins import draw_pins_back, draw_pins_front, draw_pins_schematic, pin_electrics, pin_parts
+from ledpi.tools.panel.sheet_views import View, draw_back, draw_front, scaled_view, tile_count, true_views
 from ledpi.tools.panel.sheet_walls import draw_section, draw_wall
 
 _MAX_PARTS = 30  # that a panel is put together from
@@ -28,13 +30,18 @@ class Sheet:
     dictionary: Dictionary
     marker_id: int
     spec: PanelSpec
-    circuit: Circuit
+    circuit: Circuit | PinCircuit
     body: Body
 
     @property
     def title(self) -> str:
         """As in `Panel ID 7 of DICT_4X4_50`."""
         return f"Panel ID {self.marker_id} of {Path(self.dictionary.name).stem}"
+
+    @property
+    def views(self) -> tuple[View, View]:
+        """Front and back."""
+        return (draw_pins_front, draw_pins_back) if isinstance(self.circuit, PinCircuit) else (draw_front, draw_back)
 
 
 def sheet_pages(sheet: Sheet) -> list[tuple[str, Page]]:
@@ -51,7 +58,7 @@ def sheet_pages(sheet: Sheet) -> list[tuple[str, Page]]:
     )
     pages = [("overview", _overview(sheet)), ("circuit", _circuit_page(sheet))]
     front = "From the front, as the camera sees it."
-    for name, view, text in (("front", draw_front, front), ("back", draw_back, back)):
+    for name, view, text in zip(("front", "back"), sheet.views, (front, back), strict=True):
         drawn = true_views(sheet.title, text, view, sheet.body, sheet.marker_id)
         pages += [(f"{name}{number + 1 if len(drawn) > 1 else ''}", page) for number, page in enumerate(drawn)]
     return pages
@@ -80,14 +87,18 @@ def _overview(sheet: Sheet) -> Page:
         f"{spec.white_hz:g} Hz{later}. Lit square {body.side_mm:g} mm (panels.side_m: {spec.side_m:g}).",
     )
     size = 82.0
-    for x, view, text in ((MARGIN_MM, draw_front, "from the front"), (MARGIN_MM + 98, draw_back, "from the back")):
-        page.paper.text(x + size / 2, 268, text, fontsize=9, ha="center")
+    for x, view, text in zip((MARGIN_MM, MARGIN_MM + 98), sheet.views, ("front", "back"), strict=True):
+        page.paper.text(x + size / 2, 268, f"from the {text}", fontsize=9, ha="center")
         scaled_view(page, view, body, sheet.marker_id, (x, 182), size)
     page.paper.text(MARGIN_MM, 177, "● is the marker's first corner: top left from the front.", fontsize=7)
     page.paper.text(MARGIN_MM, 167, "LEDs and resistors", fontsize=10, weight="bold")
-    foot = page.table(MARGIN_MM, 165, (48, 132), electrics(sheet.circuit))
+    if isinstance(sheet.circuit, PinCircuit):
+        figures, bought = pin_electrics(sheet.circuit, body.pitch_mm), pin_parts(body, sheet.circuit)
+    else:
+        figures, bought = electrics(sheet.circuit), parts(body, sheet.circuit)
+    foot = page.table(MARGIN_MM, 165, (48, 132), figures)
     page.paper.text(MARGIN_MM, foot - 8, "Parts", fontsize=10, weight="bold")
-    page.table(MARGIN_MM, foot - 10, (14, 48, 118), parts(body, sheet.circuit))
+    page.table(MARGIN_MM, foot - 10, (14, 48, 118), bought)
     return page
 
 
@@ -95,16 +106,28 @@ def _circuit_page(sheet: Sheet) -> Page:
     page = Page(sheet.title, "Driver, walls and section; these are not to scale, measures are in mm")
     width, height = SIZE_MM
     axes = page.window(MARGIN_MM, 158, width, height, (0, width), (0, height))
-    draw_schematic(axes, sheet.circuit, (sheet.spec.black_hz, sheet.spec.white_hz))
-    notes = (
-        f"{OUTPUTS[False]} and {OUTPUTS[True]} are those of `ledpi panel firmware --id {sheet.marker_id}`. "
-        f"{ohm_text(GATE_OHM)} keep a pin below 40 mA while a gate charges (20 nC: 2 µs); {ohm_text(PULL_DOWN_OHM)} "
-        "keep the LEDs off while the chip starts. Brightness is set by the LEDs' resistors, never by duty. No "
-        "capacitor after the MOSFETs: it would smooth the light away."
-    )
+    if isinstance(sheet.circuit, PinCircuit):
+        draw_pins_schematic(axes, sheet.circuit)
+    else:
+        draw_schematic(axes, sheet.circuit, (sheet.spec.black_hz, sheet.spec.white_hz))
+    notes = _notes(sheet)
     page.paper.text(MARGIN_MM, 154, "\n".join(textwrap.wrap(notes, 130)), fontsize=7, va="top")
     page.paper.text(MARGIN_MM, 132, "Walls between the cells", fontsize=10, weight="bold")
     draw_wall(page, sheet.body, 92)
     page.paper.text(MARGIN_MM, 74, "Section", fontsize=10, weight="bold")
     draw_section(page, sheet.body, 24)
     return page
+
+
+def _notes(sheet: Sheet) -> str:
+    if isinstance(sheet.circuit, PinCircuit):
+        return (
+            f"The pins are those of `ledpi panel firmware --id {sheet.marker_id} --build sixteen-cells`. Brightness is "
+            "set by the resistors, never by duty. The resistors are for these LEDs: others need others (--led-voltage)."
+        )
+    return (
+        f"{OUTPUTS[False]} and {OUTPUTS[True]} are those of `ledpi panel firmware --id {sheet.marker_id}`. "
+        f"{ohm_text(GATE_OHM)} keep a pin below 40 mA while a gate charges (20 nC: 2 µs); {ohm_text(PULL_DOWN_OHM)} "
+        "keep the LEDs off while the chip starts. Brightness is set by the LEDs' resistors, never by duty. No "
+        "capacitor after the MOSFETs: it would smooth the light away."
+    )

@@ -7,6 +7,7 @@ from ledpi.tools.panel.circuit import Circuit, ohm_text
 from ledpi.tools.panel.schematic import GATE_OHM, PULL_DOWN_OHM
 
 _MOSFETS = ((30, "AO3400A (SMD) or FQP30N06L (TO-220)"), (60, "FQP30N06L (TO-220)"), (100, "IRL520N (TO-220)"))
+CRYSTAL = "ATmega328P, 5 V, 16 MHz; with a crystal, not a resonator"
 _SPREAD_V = 0.1  # of LEDs of one batch
 
 
@@ -44,7 +45,7 @@ def parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
         ("1", "diffuser", f"opal acrylic, 2 to 3 mm, {outer}"),
         ("1", "frame", f"opaque, dark, matt, {outer}; opening {body.side_mm:g} × {body.side_mm:g} mm"),
         ("1", "back plate", f"{outer}; holes as on the page “from the back”"),
-        *_walls(body),
+        *walls(body),
     ]
 
 
@@ -53,7 +54,7 @@ def _electric_parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
     volts, example = next((v, name) for v, name in _MOSFETS if v >= circuit.mosfet_v)
     amperes = max(1.0, 3 * max(circuit.class_a))
     return [
-        ("1", "Arduino Uno or Nano", "ATmega328P, 5 V, 16 MHz; with a crystal, not a resonator"),
+        ("1", "Arduino Uno or Nano", CRYSTAL),
         (
             str(count * circuit.leds),
             f"LED, {body.led_mm:g} mm",
@@ -72,7 +73,8 @@ def _electric_parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
     ]
 
 
-def _walls(body: Body) -> list[tuple[str, str, str]]:
+def walls(body: Body) -> list[tuple[str, str, str]]:
+    """The walls between the cells and around them."""
     board = f"{body.wall_mm:g} mm thick, {body.depth_mm:g} mm high, white, opaque"
     outer = ("2 + 2", "outer wall", f"{body.side_mm:g} and {body.side_mm + 2 * body.wall_mm:g} mm long, {board}")
     if body.cells == 1:

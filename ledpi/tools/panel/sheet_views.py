@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 CLASS_COLOUR = {False: "tab:blue", True: "tab:orange"}  # as the snapshot draws them; True is white
 CLASS_FILL = {False: "#d6e4f0", True: "#fff4e0"}
 CLASS_LETTER = {False: "B", True: "W"}
-_READABLE_PT = 6.0  # smaller views leave out what is only to be read
+READABLE_PT = 6.0  # smaller views leave out what is only to be read
 _TILE_MM = (184.0, 236.0)  # of the panel on one page
 _TILE_LEFT_MM = (WIDTH_MM - _TILE_MM[0]) / 2
 _TILE_FOOT_MM = 28.0  # from the page's foot: the ruler is below
@@ -28,68 +28,52 @@ View = Callable[["Axes", Body, int], None]
 
 
 def draw_front(axes: Axes, body: Body, marker_id: int) -> None:
-    """As the camera sees it: the frame with its opening, the cells and their classes."""
-    _frame(axes, body)
-    size = _text_size(axes, body)
-    for x, y, white in _centres(body):
-        _cell(axes, body, x, y, white)
-        axes.text(
-            x,
-            y,
-            CLASS_LETTER[white],
-            ha="center",
-            va="center",
-            fontsize=2.2 * size,
-            color=CLASS_COLOUR[white],
-            weight="bold",
-        )
-        axes.text(
-            x,
-            y - 0.32 * body.pitch_mm,
-            OUTPUTS[white],
-            ha="center",
-            va="center",
-            fontsize=size,
-            color=CLASS_COLOUR[white],
-        )
-    _marks(axes, body, f"TOP, front of ID {marker_id}", mirrored=False)
+    """As the camera sees it: the frame with its opening, the cells, their classes and the classes' pins."""
+    draw_front_with(axes, body, marker_id, [OUTPUTS[white] for _, _, white in cell_centres(body)])
+
+
+def draw_front_with(axes: Axes, body: Body, marker_id: int, pins: Sequence[str]) -> None:
+    """The same with a pin for each cell, row by row."""
+    draw_frame(axes, body)
+    size = text_size(axes, body)
+    middle: Any = {"ha": "center", "va": "center"}
+    for (x, y, white), pin in zip(cell_centres(body), pins, strict=True):
+        draw_cell(axes, body, x, y, white)
+        look: Any = {**middle, "color": CLASS_COLOUR[white]}
+        axes.text(x, y, CLASS_LETTER[white], fontsize=2.2 * size, weight="bold", **look)
+        axes.text(x, y - 0.32 * body.pitch_mm, pin, fontsize=size, **look)
+    draw_marks(axes, body, f"TOP, front of ID {marker_id}", mirrored=False)
 
 
 def draw_back(axes: Axes, body: Body, marker_id: int) -> None:
     """As it is soldered: left and right swapped. LEDs, resistors, one rail for plus and one for each class."""
-    _frame(axes, body)
-    size = _text_size(axes, body)
-    for x, y, white in _centres(body):
-        _cell(axes, body, -x, y, white)
-        axes.text(
-            -x - 0.42 * body.pitch_mm,
-            y,
-            CLASS_LETTER[white],
-            ha="center",
-            va="center",
-            fontsize=1.5 * size,
-            color=CLASS_COLOUR[white],
-            weight="bold",
-        )
+    draw_frame(axes, body)
+    size = text_size(axes, body)
+    for x, y, white in cell_centres(body):
+        draw_cell(axes, body, -x, y, white)
+        look: Any = {"color": CLASS_COLOUR[white], "weight": "bold", "ha": "center", "va": "center"}
+        axes.text(-x - 0.42 * body.pitch_mm, y, CLASS_LETTER[white], fontsize=1.5 * size, **look)
         _string(axes, body, -x, y, white)
     _rails(axes, body, size)
-    _marks(axes, body, f"TOP, back of ID {marker_id}", mirrored=True)
+    draw_marks(axes, body, f"TOP, back of ID {marker_id}", mirrored=True)
 
 
-def _centres(body: Body) -> Iterator[tuple[float, float, bool]]:
+def cell_centres(body: Body) -> Iterator[tuple[float, float, bool]]:
     """The middle of each cell in mm, as seen from the front, and whether it is of the white class."""
     for row in range(body.cells):
         for column in range(body.cells):
             yield *body.cell_centre_mm(row, column), bool(body.codeword[row, column])
 
 
-def _frame(axes: Axes, body: Body) -> None:
+def draw_frame(axes: Axes, body: Body) -> None:
+    """The body from outside to the lit square."""
     outer, side = body.outer_mm, body.side_mm
     box(axes, -outer / 2, -outer / 2, outer, outer, lw=1.2, facecolor="0.92")
     box(axes, -side / 2, -side / 2, side, side, lw=0.8, facecolor="white")
 
 
-def _cell(axes: Axes, body: Body, x: float, y: float, white: bool) -> None:
+def draw_cell(axes: Axes, body: Body, x: float, y: float, white: bool) -> None:
+    """A cell in its class's colour."""
     half = body.pitch_mm / 2
     box(axes, x - half, y - half, 2 * half, 2 * half, facecolor=CLASS_FILL[white], edgecolor="0.5", lw=0.4)
 
@@ -103,22 +87,11 @@ def _string(axes: Axes, body: Body, x: float, y: float, white: bool) -> None:
     resistor = (x + 0.4 * pitch, y - 0.2 * pitch)
     path = [plus, *places, (resistor[0], resistor[1] + 0.07 * pitch)]
     axes.plot(*zip(*path, strict=True), color="0.35", lw=0.7, zorder=2)
-    _flow(axes, path)
+    draw_flow(axes, path)
     axes.plot([resistor[0], end[0]], [resistor[1] - 0.07 * pitch, end[1]], color="0.35", lw=0.7, zorder=2)
     for px, py in places:
-        _hole(axes, px, py, body.led_mm)
-    box(
-        axes,
-        resistor[0] - 0.035 * pitch,
-        resistor[1] - 0.07 * pitch,
-        0.07 * pitch,
-        0.14 * pitch,
-        fill=True,
-        facecolor="white",
-        edgecolor="black",
-        lw=0.7,
-        zorder=3,
-    )
+        draw_hole(axes, px, py, body.led_mm)
+    draw_resistor(axes, resistor, pitch)
     for dot, colour in ((plus, _PLUS_COLOUR), (end, CLASS_COLOUR[white])):
         axes.plot(*dot, "o", color=colour, ms=2.5, zorder=4)
 
@@ -138,7 +111,7 @@ def _rails(axes: Axes, body: Body, size: float) -> None:
         for y in rows:
             axes.plot([end, -math.copysign(half - 0.1 * pitch, end)], [y, y], color=colour, lw=1.1, zorder=1.5)
         axes.plot([end, end], [rows[0], rows[-1]], color=colour, lw=1.1)
-    if size < _READABLE_PT:
+    if size < READABLE_PT:
         return
     upright: Any = {"rotation": 90, "fontsize": 7, "ha": "center"}
     axes.text(ends[_PLUS_COLOUR] - 2.5, 0, "plus", color=_PLUS_COLOUR, va="center", **upright)
@@ -147,7 +120,14 @@ def _rails(axes: Axes, body: Body, size: float) -> None:
         axes.text(half + 7.8, y, text, color=CLASS_COLOUR[white], va=side, **upright)
 
 
-def _flow(axes: Axes, path: Sequence[tuple[float, float]]) -> None:
+def draw_resistor(axes: Axes, place: tuple[float, float], pitch: float) -> None:
+    """Upright, a tenth of a cell large, its middle at `place`."""
+    width, height = 0.07 * pitch, 0.14 * pitch
+    x, y = place[0] - width / 2, place[1] - height / 2
+    box(axes, x, y, width, height, fill=True, facecolor="white", edgecolor="black", lw=0.7, zorder=3)
+
+
+def draw_flow(axes: Axes, path: Sequence[tuple[float, float]]) -> None:
     """Arrow heads half-way, the way the current flows: into an LED's anode, out of its cathode."""
     points = np.array(path)
     middle, way = (points[1:] + points[:-1]) / 2, np.diff(points, axis=0)
@@ -156,14 +136,15 @@ def _flow(axes: Axes, path: Sequence[tuple[float, float]]) -> None:
     axes.quiver(*middle.T, *way.T, angles="xy", pivot="mid", color="0.35", headaxislength=4.5, minlength=0, **look)
 
 
-def _hole(axes: Axes, x: float, y: float, diameter: float) -> None:
+def draw_hole(axes: Axes, x: float, y: float, diameter: float) -> None:
+    """A hole for an LED."""
     from matplotlib.patches import Circle
 
     axes.add_patch(Circle((x, y), diameter / 2, facecolor="white", edgecolor="black", lw=0.7, zorder=3))
     axes.plot(x, y, ".", color="black", ms=1.5, zorder=3)
 
 
-def _marks(axes: Axes, body: Body, text: str, *, mirrored: bool) -> None:
+def draw_marks(axes: Axes, body: Body, text: str, *, mirrored: bool) -> None:
     """The top, and the marker's first corner (top left from the front), which nothing else shows."""
     from matplotlib.patches import Polygon
 
@@ -175,7 +156,7 @@ def _marks(axes: Axes, body: Body, text: str, *, mirrored: bool) -> None:
     axes.plot(corner, half, marker="o", color="black", ms=4, zorder=5)
 
 
-def _text_size(axes: Axes, body: Body) -> float:
+def text_size(axes: Axes, body: Body) -> float:
     """Points, as fits a cell at the scale of these axes."""
     return min(9.0, 0.09 * body.pitch_mm * _points_per_mm(axes))
 

@@ -209,7 +209,7 @@ def test_the_commands_in_the_guide_print_what_it_says() -> None:
     """Build your first panel: its commands are accepted, and the two lines it shows are the command's own."""
     guide = (ROOT / "docs/first-panel.md").read_text(encoding="utf-8")
     commands = re.findall(r"^    ledpi panel firmware (.+) --out driver\S*$", guide, re.MULTILINE)
-    assert len(commands) == 2
+    assert len(commands) == 3
     shown = re.findall(r"^    ((?:black|white)  \d.*)$", guide, re.MULTILINE)
     for number, command in enumerate(commands):
         assert run(*command.split(), "--out", f"driver{number}").splitlines()[:2] == shown
