@@ -11,6 +11,7 @@ from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
+from ledpi.runtime.kept_takes import KeptTakes
 from ledpi.runtime.rewind import ASKED, Rewind
 from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.tap.messages import Setup
@@ -40,6 +41,10 @@ class Observers:
             self._tap.offer("save", self._save_for_tap)
         self._tap.offer("record", self._recorder.record)
         self._tap.offer("record_stop", self._recorder.stop)
+        kept = KeptTakes()
+        self._tap.offer("takes", kept.list)
+        self._tap.offer("take", kept.read)
+        self._tap.offer("take_delete", kept.delete)
         self._tap.begin(self._setup)
 
     def save(self, cause: str = ASKED) -> Future[Path]:

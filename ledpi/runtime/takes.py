@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -66,20 +67,33 @@ def new_take(folder: Path, shown: Shown, cause: str, note: str) -> Iterator[Take
     """
     path = _new_path(folder, cause)
     part, take = path.with_name(path.name + PART), None
+    with ExitStack() as in_work:
+        try:
+            with (
+                RecordingWriter(
+                    part, camera=shown.camera, dictionary=shown.dictionary, panel=shown.panel, note=f"{note}; {RUN_IN}"
+                ) as writer,
+                (part / LIVE_FILE).open("x", encoding="utf-8", buffering=1) as live,
+            ):
+                in_work.enter_context(_in_work(part))
+                take = Take(path, writer, live)
+                yield take
+        except BaseException:
+            if take is None or take.written == 0:  # without a frame it is none
+                shutil.rmtree(part, ignore_errors=True)
+            raise
+        part.rename(path)
+
+
+@contextmanager
+def _in_work(folder: Path) -> Iterator[None]:
+    """Locked, so that nobody deletes it or reads half of it; the lock ends with the process, however that ends."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        with (
-            RecordingWriter(
-                part, camera=shown.camera, dictionary=shown.dictionary, panel=shown.panel, note=f"{note}; {RUN_IN}"
-            ) as writer,
-            (part / LIVE_FILE).open("x", encoding="utf-8", buffering=1) as live,
-        ):
-            take = Take(path, writer, live)
-            yield take
-    except BaseException:
-        if take is None or take.written == 0:  # without a frame it is none
-            shutil.rmtree(part, ignore_errors=True)
-        raise
-    part.rename(path)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def takes_folder() -> Path:

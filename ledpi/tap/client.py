@@ -62,7 +62,8 @@ class Client:
     def lines(self, *, reconnect: bool = False, tick_s: float | None = None) -> Iterator[dict[str, Any]]:
         """Each line of the daemon, its hello first, until the daemon ends or `close`.
 
-        Raw bytes that follow a line are in it as `pixels`, uint8 (height, width), read-only. With `reconnect` a lost
+        Raw bytes that follow a line are in it: of a picture as `pixels`, uint8 (height, width), read-only, of others as
+        `raw`. With `reconnect` a lost
         daemon is {"type": "lost"}, once, and then its hello when it is back. With `tick_s` there is a
         {"type": "tick"} whenever so long nothing came, for callers that have something else to do.
         """
@@ -184,8 +185,10 @@ class _Buffer:
                 return None  # the line stays, for its bytes to come
         raw = bytes(self._data[end + 1 : end + 1 + size])
         del self._data[: end + 1 + size]
-        if size:
+        if size and values["type"] == "picture":
             values["pixels"] = _pixels(raw, values)
+        elif size:
+            values["raw"] = raw
         return values
 
     def _fill(self, until_s: float | None) -> bool:

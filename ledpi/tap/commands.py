@@ -11,9 +11,10 @@ from typing import Any, TypeAlias
 from ledpi.core.errors import LedpiError
 from ledpi.core.wording import one_line
 from ledpi.tap.follower import Follower
-from ledpi.tap.protocol import COMMANDS, Do, Request, error
+from ledpi.tap.protocol import NAMED, Do, Request, error
 
-# Gives what the answer holds beside its type and id; raises LedpiError or OSError where it cannot be done.
+# Gives what the answer holds beside its type and id, and as `raw` the bytes that follow it. Raises LedpiError or
+# OSError where it cannot be done.
 Command: TypeAlias = Callable[[Request], dict[str, Any]]
 
 MAY = "root, the daemon's own user and members of the group ledpi may"
@@ -21,11 +22,13 @@ _OFF: dict[Do, str] = {
     "save": "rewind is off: nothing is kept that could be saved",
     "record": "the daemon is starting or ending; ask again later",
     "record_stop": "nothing is being recorded",
+    **dict.fromkeys(("takes", "take", "take_delete"), "the daemon is starting or ending; ask again later"),
 }
 _BUSY: dict[Do, str] = {
     "save": "the last one is not done yet; ask again later",
     "record": "a recording runs already; record_stop ends it",
     "record_stop": "the recording is ending already",
+    **dict.fromkeys(("takes", "take", "take_delete"), "another client's is not done yet; ask again"),
 }
 
 
@@ -48,8 +51,8 @@ class Commands:
             self._offered[do] = command
 
     def offered(self, follower: Follower) -> list[Do]:
-        """Those that this client may give. `record_stop` is there with `record`, and not named."""
-        return [do for do in COMMANDS if do in self._offered and do != "record_stop"] if follower.may_command else []
+        """Those that this client may give; who may `record` may also do what is not named."""
+        return [do for do in NAMED if do in self._offered] if follower.may_command else []
 
     def wait(self, seconds: float) -> None:
         """For those that end with the daemon, so long at most for all together. From where `begin` is called."""

@@ -99,11 +99,11 @@ class Follower:
         """The state of health; the last one, if it waits, is of no use any more."""
         self._health = line
 
-    def answer(self, line: bytes, raw: Pixels | None = None) -> None:
+    def answer(self, line: bytes, raw: Pixels | bytes | None = None) -> None:
         """What must arrive."""
         self._sending.append(memoryview(line))
         if raw is not None:
-            self._sending.append(raw.reshape(-1).data)
+            self._sending.append(memoryview(raw if isinstance(raw, bytes) else raw.reshape(-1).data))
 
     def send(self) -> bool:
         """As much as it takes now, without waiting. Returns False where the client is gone."""

@@ -12,10 +12,12 @@ MAX_REQUEST_BYTES = 4096  # of a line that a client sends, its end included
 MIN_SECONDS, MAX_SECONDS = 1.0, 600.0  # that `record` takes at once
 MAX_ID_LENGTH = 64
 
-Do = Literal["picture", "config", "save", "record", "record_stop"]
+Do = Literal["picture", "config", "save", "record", "record_stop", "takes", "take", "take_delete"]
 Extra = Literal["rejected", "evidence"]
 RequestId: TypeAlias = int | str | None
-COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop")  # change something, and are not permitted to everybody
+# What changes or reads files, and is not permitted to everybody.
+COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop", "takes", "take", "take_delete")
+NAMED: tuple[Do, ...] = ("save", "record")  # in a hello: whoever may `record` may do the others
 
 _KEYS: dict[Do, set[str]] = {
     "picture": {"with"},
@@ -23,6 +25,9 @@ _KEYS: dict[Do, set[str]] = {
     "save": set(),
     "record": {"seconds"},
     "record_stop": set(),
+    "takes": set(),
+    "take": {"name", "offset"},
+    "take_delete": {"name"},
 }
 
 
@@ -42,6 +47,8 @@ class Request:
     id: RequestId = None
     extras: frozenset[Extra] = frozenset()  # of `picture`: what else comes with it
     seconds: float | None = None  # of `record`; None: as long as it may
+    name: str | None = None  # of a take
+    offset: int = 0  # in its tar file
 
 
 def read_request(line: bytes) -> Request:
@@ -65,6 +72,8 @@ def read_request(line: bytes) -> Request:
         id=request_id,
         extras=_extras(values.get("with", []), request_id),
         seconds=_seconds(values.get("seconds"), request_id),
+        name=_name(values.get("name"), request_id),
+        offset=_offset(values.get("offset", 0), request_id),
     )
 
 
@@ -88,6 +97,18 @@ def _seconds(value: object, request_id: RequestId) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not MIN_SECONDS <= value <= MAX_SECONDS:
         raise RequestError(f"seconds: must be a number from {MIN_SECONDS:g} to {MAX_SECONDS:g}", request_id)
     return float(value)
+
+
+def _name(value: object, request_id: RequestId) -> str | None:
+    if value is None or (isinstance(value, str) and len(value) <= MAX_ID_LENGTH):
+        return value
+    raise RequestError(f"name: must be a text of {MAX_ID_LENGTH} characters at most", request_id)
+
+
+def _offset(value: object, request_id: RequestId) -> int:
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 53:
+        return value
+    raise RequestError("offset: must be a whole number from 0 on", request_id)
 
 
 def error(text: str, request_id: RequestId = None) -> dict[str, Any]:

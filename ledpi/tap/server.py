@@ -192,7 +192,8 @@ class Tap:
     def _answer_commands(self) -> None:
         for follower, answer in self._commands.done():
             follower.open_answers -= 1
-            follower.answer(write_line(answer))
+            raw = answer.pop("raw", None)
+            follower.answer(write_line(answer | ({} if raw is None else {"bytes": len(raw)})), raw)
 
     def _greet(self) -> None:
         """Says hello to those who have not heard that of this daemon."""
@@ -209,6 +210,8 @@ class Tap:
         elif request.do == "picture":
             self._asked.append((follower, request))
             answer = None
+        elif request.do == "take" and self._crowd.waiting_bytes > MOST_WAITING_BYTES:
+            answer = error("take: clients have not read what they asked for; ask again later", request.id)
         else:
             answer = self._commands.begin(follower, request)
         if answer is None:

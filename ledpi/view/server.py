@@ -28,12 +28,13 @@ from ledpi.view.hub import SAVED_S, Hub
 from ledpi.view.metrics import KIND as METRICS
 from ledpi.view.metrics import metrics
 from ledpi.view.pictures import KINDS
+from ledpi.view.takes import Takes
 
 WAIT_S = 2.0  # that a question waits for news
 JSON, TEXT = "application/json; charset=utf-8", "text/plain; charset=utf-8"
 _SCRIPTS = (
     *("main.js", "server.js", "drawing.js", "picture.js", "why_not.js", "light.js"),
-    *("table.js", "map.js", "health.js", "actions.js", "lens.js"),
+    *("table.js", "map.js", "health.js", "actions.js", "takes.js", "lens.js"),
 )
 _FILES = {
     "/": ("index.html", "text/html; charset=utf-8"),
@@ -50,7 +51,7 @@ class ViewServer(BoundedServer):
 
     def __init__(self, address: tuple[str, int], guard: Guard, hub: Hub) -> None:
         """Raises OSError where the address cannot be had."""
-        self.guard, self.hub = guard, hub
+        self.guard, self.hub, self.takes = guard, hub, Takes(hub)
         self.board: BoardWatch | None = None  # one for all viewers, as there is one camera
         folder = resources.files("ledpi.view") / "static"
         # Read once: no request reaches the file system.
@@ -177,6 +178,26 @@ class Handler(BaseHTTPRequestHandler):
         """Ends it."""
         self._done(self.server.hub.record_stop())
 
+    def answer_takes(self, query: dict[str, str], body: bytes) -> None:
+        """What the daemon has recorded."""
+        self._send(200, JSON, self._encoded(self.server.takes.listed()))
+
+    def answer_take(self, query: dict[str, str], body: bytes) -> None:
+        """A take as one tar file, passed on piece by piece. Where it breaks off, so does the connection."""
+        size, pieces = self.server.takes.tar(query.get("name", ""))
+        self._begin(200, "application/x-tar", size)
+        try:
+            for piece in pieces:
+                self.wfile.write(piece)
+        except TapError as error:
+            self.close_connection = True
+            _log.warning("a download broke off: %s", error)
+
+    def answer_take_delete(self, query: dict[str, str], body: bytes) -> None:
+        """Deletes one."""
+        self.server.takes.delete(query.get("name", ""))
+        self._send(200, JSON, self._encoded({}))
+
     def answer_board(self, query: dict[str, str], body: bytes) -> None:
         """How far the calibration is; null before one was begun."""
         watch = self.server.board
@@ -220,18 +241,22 @@ class Handler(BaseHTTPRequestHandler):
         self._send(refusal.status, JSON, self._encoded({"error": refusal.says}))
 
     def _send(self, status: int, kind: str, content: bytes) -> None:
+        self._begin(status, kind, len(content))
+        self.wfile.write(content)
+
+    def _begin(self, status: int, kind: str, size: int) -> None:
+        """The head of an answer."""
         self.send_response(status)
         for name, value in HEADERS.items():
             self.send_header(name, value)
         if status != 204:
             self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(content)))
+            self.send_header("Content-Length", str(size))
         if status == 401:
             self.send_header("WWW-Authenticate", 'Bearer realm="ledpi"')
         if self.close_connection:
             self.send_header("Connection", "close")
         self.end_headers()
-        self.wfile.write(content)
 
     def handle_expect_100(self) -> bool:
         """Before it sends a body, a client may ask whether it will be taken."""
@@ -267,11 +292,14 @@ _ANSWERS: dict[tuple[str, str], Callable[[Handler, dict[str, str], bytes], None]
     ("GET", "/api/state"): Handler.answer_state,
     ("GET", "/api/history"): Handler.answer_history,
     ("GET", "/api/config"): Handler.answer_config,
+    ("GET", "/api/takes"): Handler.answer_takes,
+    ("GET", "/api/take.tar"): Handler.answer_take,
     ("GET", "/api/board"): Handler.answer_board,
     ("GET", "/api/camera.yaml"): Handler.answer_lens,
     ("POST", "/api/board/start"): Handler.answer_board_start,
     ("POST", "/api/board/stop"): Handler.answer_board_stop,
     ("POST", "/api/save"): Handler.answer_save,
+    ("POST", "/api/take_delete"): Handler.answer_take_delete,
     ("POST", "/api/record"): Handler.answer_record,
     ("POST", "/api/record_stop"): Handler.answer_record_stop,
 }

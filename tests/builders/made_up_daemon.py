@@ -65,6 +65,7 @@ PANEL: dict[str, Any] = {
     "reprojection_px": 0.1,
     "alternate": None,
 }
+TAKE, TAKE_BYTES, PIECE_BYTES = "20261124T101502Z-asked", 60_000_123, 1 << 18
 CONFIG = {"panels.side_m": 0.16, "view.token": "abcdefghijkl"}
 
 
@@ -104,6 +105,7 @@ class MadeUpDaemon:
         self.numbered, self.frame_s, self.frames_shown = numbered, frame_s, 0
         self.hello, self.extra = HELLO | (hello or {}), picture or {}
         self.disk_is_full = True
+        self.take_breaks_at = TAKE_BYTES
         self.frame: dict[str, Any] = {}
         self.requests: list[dict[str, Any]] = []
         self._clients: list[socket.socket] = []
@@ -160,6 +162,11 @@ class MadeUpDaemon:
                 elif request["do"] == "config":
                     origins = dict.fromkeys(CONFIG, "default")
                     self._send(client, {"type": "config", "id": request["id"], "values": CONFIG, "from": origins})
+                elif request["do"] == "takes":
+                    takes = [{"name": TAKE, "frames": 9, "written": False}]
+                    self._send(client, {"type": "done", "id": request["id"], "takes": takes})
+                elif request["do"] == "take":
+                    self._send_piece(client, request)
                 elif request["do"] == "record" and self.disk_is_full:
                     self._send(client, {"type": "error", "id": request["id"], "error": "the disk is full"})
                 elif request["do"] == "record":
@@ -201,6 +208,16 @@ class MadeUpDaemon:
         height, width = (self.hello["camera"][key] for key in ("height", "width"))
         rows = (np.arange(height) + seq) * 10 % 256
         return np.repeat(rows.astype(np.uint8)[:, None], width, axis=1)
+
+    def _send_piece(self, client: socket.socket, request: dict[str, Any]) -> None:
+        """Of a take of TAKE_BYTES; from `take_breaks_at` on there is none."""
+        offset = request["offset"]
+        if request["name"] != TAKE or offset >= self.take_breaks_at:
+            self._send(client, {"type": "error", "id": request["id"], "error": f"take: no {request['name']}"})
+            return
+        piece = np.full(min(PIECE_BYTES, TAKE_BYTES - offset), offset // PIECE_BYTES % 251, np.uint8)
+        head = {"type": "done", "id": request["id"], "size": TAKE_BYTES, "bytes": piece.size}
+        self._send(client, head, piece)
 
     def _send(self, client: socket.socket, line: dict[str, Any], pixels: Pixels | None = None) -> None:
         data = json.dumps(line).encode() + b"\n" + (b"" if pixels is None else pixels.tobytes())

@@ -122,6 +122,35 @@ def test_record_stop_ends_it_and_a_second_one_is_refused(takes: Path, tmp_path: 
     assert answer["frames"] > 5
 
 
+def test_a_take_is_read_and_deleted_through_the_tap(takes: Path, tmp_path: Path) -> None:
+    """Piece by piece as a tar file, which is the take; while it is being recorded neither is possible."""
+    path = tmp_path / "tap.sock"
+    with daemon(*SIMULATED, at(path), OFF), reach(path) as client, connect(path) as other:
+        lines = client.lines()
+        client.send("record", seconds=600)
+        some_frames(lines, 20)
+        wait_until(lambda: other.ask("takes")["takes"] != [])
+        (running,) = other.ask("takes")["takes"]
+        assert running["written"]
+        for do in ("take", "take_delete"):
+            with pytest.raises(TapError, match="is being written; ask again when it is whole"):
+                other.ask(do, name=running["name"])
+        name = Path(other.ask("record_stop")["path"]).name
+        data, size = b"", 1
+        while len(data) < size:
+            piece = other.ask("take", name=name, offset=len(data))
+            data, size = data + piece["raw"], piece["size"]
+        (tmp_path / "take.tar").write_bytes(data)
+        subprocess.run(["tar", "-xf", "take.tar"], cwd=tmp_path, check=True)
+        assert live(tmp_path / name) == live(takes / name)
+        assert len(load_recording(tmp_path / name).frames) == other.ask("takes")["takes"][0]["frames"]
+        with pytest.raises(TapError, match="name: must be that of a take"):
+            other.ask("take_delete", name="../../state")
+        other.ask("take_delete", name=name)
+        assert other.ask("takes")["takes"] == []
+    assert recorded(takes) == []
+
+
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
 def test_the_daemons_end_makes_it_whole(takes: Path, tmp_path: Path, how: signal.Signals) -> None:
     """Also where another one begins, of a new configuration; who asked hears of it."""

@@ -7,6 +7,7 @@ import math
 import re
 import signal
 import subprocess
+import tarfile
 import threading
 import time
 from collections.abc import Iterator
@@ -26,6 +27,7 @@ from tests.builders.rewind import without_exposures, without_times
 from tests.builders.view import (
     CHROMIUM,
     COMMAND,
+    DEADLINE_S,
     DRIVER,
     PHONE,
     Page,
@@ -297,6 +299,35 @@ def test_each_button_says_what_it_has_done(opened: Any) -> None:
     before = float(text(opened, "best"))
     js(opened, "document.getElementById('forget').click()")
     assert 0 < wait_for(lambda: float(text(opened, "best")), "a new best") <= before
+
+
+def test_a_recording_is_listed_downloaded_and_deleted(opened: Any, folder: Path, tmp_path: Path) -> None:
+    """What arrives is a tar file of the take; a question comes before it is gone."""
+    takes = folder / "state/ledpi/takes"
+    with connect(folder / "tap.sock") as tap:
+        name = Path(tap.ask("record", DEADLINE_S, seconds=1)["path"]).name
+    opened.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    js(opened, "document.getElementById('takes').open = true")
+    row = f"document.querySelector('#takes-rows tr[title=\"{name}\"]')"
+    wait_for(lambda: js(opened, f"return {row} !== null"), "the recording's row")
+    assert js(opened, f"return [...{row}.cells].slice(1, 4).map(c => c.textContent)") == [
+        "recording",
+        str(len(list((takes / name / "frames").iterdir()))),
+        "whole",
+    ]
+    js(opened, f"{row}.querySelectorAll('button')[0].click()")
+    wait_for((tmp_path / f"{name}.tar").exists, "the download")
+    with tarfile.open(tmp_path / f"{name}.tar") as archive:
+        file = archive.extractfile(f"{name}/live.jsonl")
+        assert file is not None
+        assert file.read() == (takes / name / "live.jsonl").read_bytes()
+    opened.find_element("xpath", f"//button[@aria-label='Delete {name}']").click()
+    opened.switch_to.alert.dismiss()
+    assert (takes / name).is_dir()
+    opened.find_element("xpath", f"//button[@aria-label='Delete {name}']").click()
+    opened.switch_to.alert.accept()
+    wait_for(lambda: js(opened, f"return {row} === null"), "that the row is gone")
+    assert not (takes / name).exists()
 
 
 # ---- Who may, and what goes wrong

@@ -33,7 +33,7 @@ function tellOf(doing) {
   return line;
 }
 
-async function change(path, doing, done) {
+export async function change(path, doing, done) {
   const line = tellOf(doing);
   try {
     line.textContent = done(await (await ask(path, "POST")).json());
@@ -44,13 +44,13 @@ async function change(path, doing, done) {
   return line;
 }
 
-export async function download(path, name) {
+export async function download(path, name, within_ms) {
   const link = document.createElement("a"), line = tellOf("Fetching…");
   try {
-    link.href = URL.createObjectURL(await (await ask(path)).blob());
+    link.href = URL.createObjectURL(await (await ask(path, "GET", within_ms)).blob());
     link.download = name;
     link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    setTimeout(() => URL.revokeObjectURL(link.href), 60000);
     line.textContent = `Saved by this browser as ${name}.`;
   } catch (error) {
     line.textContent = `Not done: ${error.message}`;

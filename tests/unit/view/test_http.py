@@ -8,10 +8,12 @@ import socket
 import struct
 import threading
 import time
+import tracemalloc
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -22,7 +24,7 @@ from ledpi.view import connections, pictures
 from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard
 from ledpi.view.hub import Hub
 from ledpi.view.server import _ANSWERS, ViewServer
-from tests.builders.made_up_daemon import HEALTH, PANEL, MadeUpDaemon
+from tests.builders.made_up_daemon import HEALTH, PANEL, PIECE_BYTES, TAKE, TAKE_BYTES, MadeUpDaemon
 from tests.builders.tap import wait_until
 
 TOKEN = "a-token-of-this-test"
@@ -573,3 +575,60 @@ def test_metrics_need_the_token(site: Site) -> None:
     """As all that is told."""
     assert site.ask("GET", "/metrics", {}).status == 401
     assert site.ask("GET", "/metrics").status == 200
+
+
+# ---- Recordings
+
+
+def test_a_take_is_passed_on_piece_by_piece(site: Site, daemon: MadeUpDaemon) -> None:
+    """60 MB arrive as the daemon gave them, while this process takes less than a fifth of that more."""
+    site.state_once("up")
+    assert site.ask("GET", "/api/takes").json() == [{"name": TAKE, "frames": 9, "written": False}]
+    tracemalloc.start()
+    try:
+        with closing(http.client.HTTPConnection("127.0.0.1", site.port, timeout=WAIT_S)) as connection:
+            connection.request("GET", f"/api/take.tar?name={TAKE}", headers=RIGHT)
+            answer = connection.getresponse()
+            assert (answer.status, answer.getheader("Content-Type")) == (200, "application/x-tar")
+            assert answer.length == TAKE_BYTES
+            got = 0
+            while piece := answer.read(PIECE_BYTES):
+                assert piece == bytes((got // PIECE_BYTES % 251,)) * len(piece)
+                got += len(piece)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert got == TAKE_BYTES
+    assert most < TAKE_BYTES / 5
+
+
+def test_a_take_that_goes_meanwhile_ends_the_answer_short(site: Site, daemon: MadeUpDaemon) -> None:
+    """So that a browser does not take it for whole; the page lives on."""
+    site.state_once("up")
+    daemon.take_breaks_at = 5 * PIECE_BYTES
+    with pytest.raises(http.client.IncompleteRead):
+        site.ask("GET", f"/api/take.tar?name={TAKE}")
+    assert site.ask("GET", "/api/takes").status == 200
+
+
+@pytest.mark.parametrize("name", ["", "..", "../../etc/passwd", "%2e%2e%2f", "a" * 100, "%00", "%F0%9F%92%A9"])
+def test_a_name_is_the_daemons_to_judge(site: Site, daemon: MadeUpDaemon, name: str) -> None:
+    """It is passed on as text, and what the daemon says of it comes back; never a file."""
+    site.state_once("up")
+    answer = site.ask("GET", f"/api/take.tar?name={name}")
+    assert answer.status == 503
+    assert answer.json()["error"].startswith("take: no ")
+    assert {request["name"] for request in daemon.asked("take")} == {unquote(name)}
+
+
+def test_recordings_need_the_token(site: Site, daemon: MadeUpDaemon) -> None:
+    """As all data do; nothing is asked of the daemon without it."""
+    for method, path in (
+        ("GET", "/api/takes"),
+        ("GET", f"/api/take.tar?name={TAKE}"),
+        ("POST", f"/api/take_delete?name={TAKE}"),
+    ):
+        assert site.ask(method, path, {}).status == 401
+        assert site.ask(method, path, {"Authorization": "Bearer wrong"}).status == 401
+    assert site.ask("GET", f"/api/take_delete?name={TAKE}").status == 405
+    assert [daemon.asked(do) for do in ("takes", "take", "take_delete")] == [[], [], []]

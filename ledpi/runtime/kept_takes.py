@@ -1,0 +1,178 @@
+"""`takes`, `take` and `take_delete` of the tap: recordings of the daemon listed, read as a tar file, and deleted.
+
+A client names a take, never a path: the name has a fixed form, and links are followed nowhere. The tar file is made
+piece by piece as it is asked for, from the sizes of a take's files, so a piece is all that is ever in memory.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+import stat
+import tarfile
+from bisect import bisect_right
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ledpi.core.errors import RecordingError
+from ledpi.runtime.takes import PART, takes_folder
+from ledpi.tap.protocol import Request
+
+PIECE_BYTES = 1 << 18
+MOST_LISTED = 300  # the newest
+_NAME = re.compile(rf"\d{{8}}T\d{{6}}Z-[a-z_]{{1,20}}(-\d{{1,3}})?({re.escape(PART)})?", re.ASCII)
+_BLOCK = tarfile.BLOCKSIZE
+_IN_WORK = "is being written; ask again when it is whole"
+
+
+class _Member(NamedTuple):
+    """A file of a take, as it lies in the tar file."""
+
+    header: bytes
+    relative: str
+    bytes: int
+
+
+class _Archive(NamedTuple):
+    """Where each file of a take lies in its tar file."""
+
+    of: tuple[str, int, int]  # name, inode and time of the folder
+    starts: tuple[int, ...]
+    members: tuple[_Member, ...]
+    bytes: int  # of the whole file
+
+
+class KeptTakes:
+    """Those in one folder. The tap calls each command in a thread of its own, one of each kind at a time."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder or takes_folder()
+        self._archive: _Archive | None = None  # the last that was asked for
+
+    def list(self, request: Request) -> dict[str, Any]:
+        """The newest first: `name`, `frames`, and whether it is `written` just now."""
+        names = []
+        with suppress(FileNotFoundError), os.scandir(self._folder) as entries:
+            names = [e.name for e in entries if _NAME.fullmatch(e.name) and e.is_dir(follow_symlinks=False)]
+        return {"takes": [self._told(name) for name in sorted(names, reverse=True)[:MOST_LISTED]]}
+
+    def read(self, request: Request) -> dict[str, Any]:
+        """A piece of the take's tar file from `offset` on, and how many bytes the whole has. Raises RecordingError."""
+        with self._opened(request) as folder:
+            archive = self._archive_of(request.name or "", folder)
+            offset = request.offset
+            if offset > archive.bytes:
+                raise RecordingError(f"offset: the take has {archive.bytes} bytes, not {offset}")
+            return {"size": archive.bytes, "raw": _piece(archive, folder, offset)}
+
+    def delete(self, request: Request) -> dict[str, Any]:
+        """For good. Raises RecordingError where it is being written."""
+        with self._opened(request):
+            shutil.rmtree(self._folder / (request.name or ""))
+        return {"deleted": request.name}
+
+    def _told(self, name: str) -> dict[str, Any]:
+        try:
+            frames = len(os.listdir(self._folder / name / "frames"))
+        except OSError:
+            frames = 0
+        in_work = False
+        with suppress(OSError), _descriptor(self._folder / name) as folder:
+            in_work = not _is_at_rest(folder)
+        return {"name": name, "frames": frames, "written": in_work}
+
+    @contextmanager
+    def _opened(self, request: Request) -> Iterator[int]:
+        """The folder of the take that is named, where it is whole and nobody writes to it. Raises RecordingError."""
+        name = request.name
+        if name is None or _NAME.fullmatch(name) is None:
+            raise RecordingError("name: must be that of a take; `takes` lists them")
+        try:
+            with _descriptor(self._folder / name) as folder:
+                if not _is_at_rest(folder):
+                    raise RecordingError(f"{name}: {_IN_WORK}")
+                yield folder
+        except FileNotFoundError:
+            raise RecordingError(f"{name}: there is no such take; `takes` lists them") from None
+        except NotADirectoryError:  # a link, or a file
+            raise RecordingError(f"{name}: is no folder, and no take") from None
+
+    def _archive_of(self, name: str, folder: int) -> _Archive:
+        status = os.fstat(folder)
+        of = name, status.st_ino, status.st_mtime_ns
+        if self._archive is None or self._archive.of != of:
+            self._archive = _archive(of, folder)
+        return self._archive
+
+
+@contextmanager
+def _descriptor(path: Path, flags: int = os.O_DIRECTORY, at: int | None = None) -> Iterator[int]:
+    """A file or folder, not what a link of that name leads to."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | flags, dir_fd=at)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _is_at_rest(folder: int) -> bool:
+    """Whether no daemon writes there: it holds a lock as long as it does."""
+    try:
+        fcntl.flock(folder, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _archive(of: tuple[str, int, int], folder: int) -> _Archive:
+    """Regular files only, in the order of their names."""
+    members, starts, end = [], [], 0
+    for relative, status in sorted(_files(folder)):
+        info = tarfile.TarInfo(f"{of[0]}/{relative}")
+        info.size, info.mtime, info.mode = status.st_size, int(status.st_mtime), 0o644
+        member = _Member(info.tobuf(tarfile.PAX_FORMAT), relative, status.st_size)
+        members.append(member)
+        starts.append(end)
+        end += len(member.header) + _padded(member.bytes)
+    members.append(_Member(bytes(2 * _BLOCK), "", 0))  # a tar file's end
+    return _Archive(of, (*starts, end), tuple(members), end + 2 * _BLOCK)
+
+
+def _files(folder: int) -> Iterator[tuple[str, os.stat_result]]:
+    for above, _, names, at in os.fwalk(".", dir_fd=folder):
+        for name in names:
+            status = os.stat(name, dir_fd=at, follow_symlinks=False)
+            if stat.S_ISREG(status.st_mode):
+                yield os.path.normpath(os.path.join(above, name)), status
+
+
+def _piece(archive: _Archive, folder: int, offset: int) -> bytes:
+    """The tar file's bytes from `offset` on, PIECE_BYTES at most."""
+    piece, end = bytearray(), min(archive.bytes, offset + PIECE_BYTES)
+    while (at := offset + len(piece)) < end:
+        number = bisect_right(archive.starts, at) - 1
+        piece += _part(archive.members[number], folder, at - archive.starts[number], end - at)
+    return bytes(piece)
+
+
+def _part(member: _Member, folder: int, within: int, most: int) -> bytes:
+    """Header, content or padding of one file, from there on; nothing behind it."""
+    if within < len(member.header):
+        return member.header[within : within + most]
+    within -= len(member.header)
+    if within >= member.bytes:
+        return bytes(min(most, _padded(member.bytes) - within))
+    most = min(most, member.bytes - within)
+    with _descriptor(Path(member.relative), 0, folder) as file:
+        content = os.pread(file, most, within)
+    if not content:
+        raise RecordingError(f"{member.relative}: is shorter than it was")
+    return content
+
+
+def _padded(size: int) -> int:
+    return -(-size // _BLOCK) * _BLOCK
