@@ -23,7 +23,7 @@ _SUPPLY_V, _LED_MA, _PIN_LED_MA = 12.0, 20.0, 7.5
 @panel.command()
 def sheet(
     ids: list[int] = typer.Argument(metavar="ID…", help="IDs of the panels."),
-    out: Path = typer.Option(..., "--out", metavar="FOLDER", help="Folder for panel-ID.pdf, and an SVG of each page."),
+    out: Path = typer.Option(..., "--out", metavar="FOLDER", help="Folder for panel-ID.pdf, SVG, DXF and STL."),
     direct: bool = typer.Option(
         False, "--direct", help="One LED a cell, straight from the sixteen pins of an Uno: no MOSFETs, no supply."
     ),
@@ -39,8 +39,9 @@ def sheet(
 ) -> None:
     """Wiring and build sheets, true to scale.
 
-    Classes from both sides, circuit, parts, and the panel at 1 : 1. Dictionary, size and frequencies are the
-    configuration's.
+    Classes from both sides, circuit, parts, and the panel at 1 : 1, on several pages where one is too small. Front,
+    back and walls also as DXF for a laser cutter, and the walls as STL for a 3D printer, all in millimetres.
+    Dictionary, size and frequencies are the configuration's.
 
     Example: ledpi panel sheet 7 23 --out sheets --supply 12 --led-ma 15
 

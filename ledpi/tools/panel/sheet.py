@@ -11,6 +11,7 @@ from ledpi.core.records import PanelSpec
 from ledpi.markers.codewords import Dictionary
 from ledpi.tools.panel.body import Body
 from ledpi.tools.panel.circuit import Circuit, ohm_text
+from ledpi.tools.panel.cut import back_dxf, front_dxf, walls_dxf, walls_stl
 from ledpi.tools.panel.firmware_readme import OUTPUTS
 from ledpi.tools.panel.paper import MARGIN_MM, Page, write_pdf, write_svg
 from ledpi.tools.panel.pins import PinCircuit
@@ -65,7 +66,10 @@ def sheet_pages(sheet: Sheet) -> list[tuple[str, Page]]:
 
 
 def write_sheet(sheet: Sheet, out: Path) -> Path:
-    """The PDF, with an SVG of each page beside it. Raises ConfigError where they cannot be written."""
+    """The PDF; beside it an SVG of each page, and plates and walls for machines.
+
+    Raises ConfigError where they cannot be written.
+    """
     pages = sheet_pages(sheet)
     path = out / f"panel-{sheet.marker_id}.pdf"
     try:
@@ -73,6 +77,9 @@ def write_sheet(sheet: Sheet, out: Path) -> Path:
         write_pdf([page for _, page in pages], path)
         for name, page in pages:
             write_svg(page, out / f"panel-{sheet.marker_id}-{name}.svg")
+        for part, dxf in (("front", front_dxf), ("back", back_dxf), ("walls", walls_dxf)):
+            (out / f"panel-{sheet.marker_id}-{part}.dxf").write_text(dxf(sheet.body), encoding="ascii")
+        (out / f"panel-{sheet.marker_id}-walls.stl").write_bytes(walls_stl(sheet.body))
     except OSError as error:
         raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
     return path

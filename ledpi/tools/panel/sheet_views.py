@@ -208,6 +208,9 @@ def _tile(page: Page, view: View, body: Body, marker_id: int, row: int, column: 
     top = tiles[1] * height / 2 - row * height
     axes = page.window(_TILE_LEFT_MM, _TILE_FOOT_MM, width, height, (left, left + width), (top - height, top))
     view(axes, body, marker_id)
+    for text in axes.texts:  # which matplotlib would write over the page's edge, and over its title
+        text.set_clip_on(True)
+        text.set_clip_path(axes.patch)
     if tiles == (1, 1):
         return
     for x in (_TILE_LEFT_MM, _TILE_LEFT_MM + width):

@@ -185,6 +185,32 @@ def test_parts_of_a_large_panel_make_it_up() -> None:
         assert sum(left <= x < right and bottom <= y < top for left, right, bottom, top in bounds) == 1
 
 
+@pytest.mark.parametrize("view", ["front", "back"])
+def test_no_page_of_a_large_panel_shows_what_belongs_on_another(view: str) -> None:
+    """Outside of a part's window there is nothing of the panel: no letter, pin or line, but marks and the ruler."""
+    for name, page in pages(400.0).items():
+        if name.startswith(view):
+            panel = page.figure.axes[1]
+            page.paper.set_visible(False)
+            of_panel = _ink(page)
+            page.paper.set_visible(True)
+            assert of_panel.any()
+            box = panel.get_position()
+            left, right = (round(edge * of_panel.shape[1]) for edge in (box.x0, box.x1))
+            top, bottom = (round((1 - edge) * of_panel.shape[0]) for edge in (box.y1, box.y0))
+            of_panel[top - 2 : bottom + 2, left - 2 : right + 2] = False
+            assert not of_panel.any(), name
+
+
+def _ink(page: Page) -> np.ndarray:
+    """(rows, columns) where a page of 210 × 297 mm is not white."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(page.figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].min(axis=2) < 255
+
+
 def test_a_panel_that_takes_too_many_pages_is_refused() -> None:
     """10 m at 1 : 1 would be 55 × 43 of them."""
     with pytest.raises(ConfigError, match="takes 2365 pages of A4"):
@@ -197,6 +223,8 @@ def test_many_panels_of_any_grid() -> None:
     assert told.split() == ["sheets/panel-3.pdf", "sheets/panel-42.pdf"]
     names = {path.name for path in Path("sheets").iterdir()}
     assert {f"panel-{i}-{p}.svg" for i in (3, 42) for p in ("overview", "circuit", "front", "back")} <= names
+    machines = ("front.dxf", "back.dxf", "walls.dxf", "walls.stl")
+    assert {f"panel-{i}-{part}" for i in (3, 42) for part in machines} <= names
     svg = Path("sheets/panel-3-back.svg").read_text()
     assert re.search(r'width="595\.27\d*pt" height="841\.8\d*pt"', svg)
 
