@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import shutil
 import signal
 import socket
@@ -16,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 from tests.builders.tap import wait_until
 
 LEDPI = [sys.executable, "-m", "ledpi"]
@@ -33,6 +34,7 @@ class Far:
     """A far end. `settings`: what `outputs` holds to reach it."""
 
     kind = ""
+    tells_age = True  # as it was when the frame was sent; else it is taken when the frame has come
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -69,10 +71,11 @@ class Far:
 
 
 def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """A port that nobody has now."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port that nobody has now, of those that the system gives to nobody who does not ask for them."""
+    while True:
+        with socket.socket(socket.AF_INET, kind) as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", random.SystemRandom().randrange(20_000, 32_768)))
+            return int(probe.getsockname()[1])
 
 
 class Udp(Far):
@@ -245,6 +248,7 @@ class InProcess(Far):
     """A far end in a process of its own, which prints a line of JSON for each frame that it gets."""
 
     program = ""
+    tells_age = False
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -385,7 +389,7 @@ class Running:
     def end(self) -> dict[str, int]:
         """Its counters, after SIGTERM."""
         self.process.terminate()
-        assert self.process.wait(10.0) == 0, self.log
+        assert self.process.wait(DEADLINE_S) == 0, self.log
         last = [line for line in self.log.splitlines() if " bridge output=" in line][-1]
         return {key: int(number) for key, number in (part.split("=") for part in last.split()[3:])}
 
@@ -405,10 +409,13 @@ def bridge(
         reader.start()
     try:
         yield Running(process, log)
+    except BaseException:
+        print(log.read_text(encoding="utf-8"))
+        raise
     finally:
         process.kill()
         process.wait()
         if reader is not None:
-            reader.join(5.0)
+            reader.join(DEADLINE_S)
         assert process.stdout is not None
         process.stdout.close()

@@ -25,11 +25,10 @@ from ledpi.runtime.daemon import Daemon
 from ledpi.simulate.scene import Room, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 
 MAX_AGE_US = 100_000  # serial.max_age_ms as it is by default
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "run"]
-DEADLINE_S = 60.0  # for anything at all, on a slow machine
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 # The simulated drive in a quarter of the pixels, at 29 frames a second: a fifth of the work of the usual camera.
 SMALL = ("camera.width=320", "camera.height=240", "camera.frame_duration_us=35000")
@@ -171,11 +170,17 @@ def wait_for_log(process: subprocess.Popen[str], text: str) -> str:
 
 
 def slowness() -> float:
-    """By how much longer than planned a short sleep takes here: a busy machine gets as much more time."""
-    started = time.monotonic()
+    """How many times as long as planned work takes here, doubled: so much more time a busy machine gets.
+
+    By short sleeps, and by how much of a processor is left to who wants all of one.
+    """
+    started, worked = time.monotonic(), time.thread_time()
     for _ in range(20):
         time.sleep(0.005)
-    return max(1.0, 2 * (time.monotonic() - started) / 0.1)
+    slept, began = time.monotonic() - started, time.monotonic()
+    while (used := time.thread_time() - worked) < 0.05:
+        pass
+    return 2 * max(1.0, slept / 0.1, (time.monotonic() - began) / used)
 
 
 def write_recording(

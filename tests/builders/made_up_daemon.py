@@ -100,13 +100,15 @@ class MadeUpDaemon:
         picture: dict[str, Any] | None = None,
         numbered: bool = False,
         frame_s: float = 0.02,
+        first: int = 1,
     ) -> None:
-        """`numbered`: the panel's x is the frame's number, in mm. `frame_s`: from frame to frame."""
-        self.numbered, self.frame_s, self.frames_shown = numbered, frame_s, 0
+        """`numbered`: the panel's x is the frame's number, in mm, from `first` on. `frame_s`: from frame to frame."""
+        self.numbered, self.frame_s, self.last_seq = numbered, frame_s, first - 1
         self.hello, self.extra = HELLO | (hello or {}), picture or {}
         self.disk_is_full = True
         self.take_breaks_at = TAKE_BYTES
         self.frame: dict[str, Any] = {}
+        self.exposed_ns: dict[int, int] = {}  # by number
         self.requests: list[dict[str, Any]] = []
         self._clients: list[socket.socket] = []
         self._sending = threading.Lock()
@@ -176,11 +178,10 @@ class MadeUpDaemon:
                     self._send(client, {"type": "done", "id": request["id"], "path": "/var/lib/ledpi/take"})
 
     def _show(self) -> None:
-        seq = 0
         while not self._closing.wait(self.frame_s):
-            seq += 1
-            self.frames_shown = seq
+            self.last_seq = seq = self.last_seq + 1
             line = decoded(seq, **self.frame)
+            self.exposed_ns[seq] = line["exposed_ns"]
             if self.numbered:
                 line["markers"][0]["position_m"] = [seq / 1000, 0.0, 2.0]
             wanted, self._wanted = self._wanted, []

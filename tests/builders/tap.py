@@ -18,9 +18,9 @@ from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected
 from ledpi.tap.client import Client, connect
 from ledpi.tap.messages import Setup
 from ledpi.tap.server import Tap
+from tests.builders import DEADLINE_S
 
 HEIGHT, WIDTH = 48, 64
-DEADLINE_S = 30.0
 CAMERA = CameraInfo(width=WIDTH, height=HEIGHT, exposure_us=1000.0, row_time_us=20.0, transfer="linear")
 SETUP = Setup(
     pid=1,

@@ -18,10 +18,10 @@ from urllib.request import ProxyHandler, Request, build_opener
 
 from ledpi.config.map_yaml import map_text
 from ledpi.simulate.scenes import drive_map
+from tests.builders import DEADLINE_S
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
-DEADLINE_S = 60.0  # for anything at all, on a slow machine
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 PHONE = (360, 740)
 

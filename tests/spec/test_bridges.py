@@ -5,6 +5,7 @@ A daemon's end of the tap shows a frame each 20 ms. Its panel's x holds the fram
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +17,7 @@ from tests.builders.made_up_daemon import MadeUpDaemon
 from tests.builders.tap import Raw, wait_until
 
 MAX_AGE_US = 100_000  # serial.max_age_ms
+FIRST = 1000  # the number of the first frame
 FAR_ENDS = {far.kind: far for far in (Stdout, Udp, Tcp, Mqtt, Nt, Zenoh)}
 # What a far end had taken in before it was blocked is its own: it may read that late. By the time since it woke, in
 # bytes of a stream's buffers at both ends, this many frames.
@@ -38,7 +40,7 @@ def far(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Far]:
 
 @pytest.fixture
 def daemon(tmp_path: Path) -> Iterator[MadeUpDaemon]:
-    made_up = MadeUpDaemon(tmp_path / "tap.sock", numbered=True)
+    made_up = MadeUpDaemon(tmp_path / "tap.sock", numbered=True, first=FIRST)
     yield made_up
     made_up.close()
     Raw.close_all()
@@ -58,51 +60,67 @@ def frames_after(far: Far, since: int) -> list[tuple[int, int, int]]:
     return far.frames[since:]
 
 
-def test_frames_arrive_in_order_with_their_age(far: Far, running: Running) -> None:
-    """Each once, none older than allowed, and the age grows no less than the clock says."""
+def shows(daemon: MadeUpDaemon, frames: int) -> None:
+    """Waits until it has shown so many more, however slow this machine is."""
+    seen = daemon.last_seq
+    wait_until(lambda: daemon.last_seq >= seen + frames)
+
+
+def test_frames_arrive_in_order_with_their_age(far: Far, running: Running, daemon: MadeUpDaemon) -> None:
+    """Each once, none older than allowed when it is sent."""
     frames = frames_after(far, len(far.frames))
     numbers = [seq for _, seq, _ in frames]
     assert numbers == sorted(set(numbers))
-    assert all(0 <= age_us <= MAX_AGE_US for _, _, age_us in frames)
+    for at_ns, seq, age_us in frames:
+        since_exposure_us = (at_ns - daemon.exposed_ns[seq]) / 1000
+        if far.tells_age:
+            assert 0 <= age_us <= min(MAX_AGE_US, since_exposure_us + 1)
+        else:  # by two clocks, which a slow machine compares badly
+            assert age_us == pytest.approx(since_exposure_us, abs=MAX_AGE_US)
     counters = running.end()
     assert counters["sent"] >= len(frames)
     assert counters["opened"] == 1
 
 
-def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(far: Far, running: Running) -> None:
+def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(
+    far: Far, running: Running, daemon: MadeUpDaemon
+) -> None:
     """Frames of the meantime are counted, and gone for good."""
     if isinstance(far, Stdout):
         pytest.skip("a pipe cannot come back")
+    losses = running.log.count("target_lost")
     far.vanish()
     first, before = far.frames[0][1], far.frames[-1][1]
-    time.sleep(1.0)
+    if not isinstance(far, Udp):  # which never knows
+        wait_until(lambda: running.log.count("target_lost") > losses)  # by a lease's end, or with the next that is sent
+    shows(daemon, 50)
     since, back_ns = len(far.frames), time.monotonic_ns()
     far.start()
     frames = frames_after(far, since)
-    assert frames[0][1] > before + 40  # 50 a second
+    assert frames[0][1] > before + 40
     assert all(at_ns - 1000 * age_us > back_ns - 1000 * MAX_AGE_US for at_ns, _, age_us in frames)
     counters = running.end()
     assert sum(counters[what] for what in ("sent", "replaced", "stale", "refused", "absent")) >= frames[-1][1] - first
-    if not isinstance(far, Udp):  # which never knows
-        assert counters["absent"] > 0  # from when the loss is noticed on: a lease, or the next that is sent
+    if not isinstance(far, Udp):
+        assert counters["absent"] > 0
         assert counters["opened"] >= 2
 
 
 @pytest.mark.slow
-def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(far: Far, running: Running) -> None:
-    """What comes after it woke is new."""
+def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(
+    far: Far, running: Running, daemon: MadeUpDaemon
+) -> None:
+    """Once it has read those, what comes is new."""
     far.block()
-    time.sleep(2.5)
-    since, woke_ns = len(far.frames), time.monotonic_ns()
+    shows(daemon, 125)
+    since, woke = len(far.frames), daemon.last_seq
     far.unblock()
-    wait_until(lambda: any(at_ns - woke_ns > 2e9 for at_ns, _, _ in far.frames[since:]))
-    frames = far.frames[since:]
-    late = [seq for at_ns, seq, age_us in frames if at_ns - woke_ns > 1e9 and age_us > MAX_AGE_US]
-    assert late == []
+    wait_until(lambda: any(seq > woke + 50 for _, seq, _ in far.frames[since:]))
+    frames = far.frames[since - 1 :]  # with the last before
     numbers = [seq for _, seq, _ in frames]
     assert numbers == sorted(numbers)
     assert isinstance(far, Nt) or len(set(numbers)) == len(numbers)  # ntcore may repeat one
-    skipped = max(b - a for a, b in zip([frames[0][1] - 1, *numbers], numbers, strict=False))
+    skipped = max(b - a for a, b in itertools.pairwise(numbers))
     if not isinstance(far, Udp | Nt | Zenoh):  # which loses some, or whose messages carry the time of their exposure
         assert skipped > 125 - 2 * IN_ITS_BUFFERS
     assert running.process.poll() is None
@@ -127,9 +145,9 @@ def test_garbage_from_the_far_end_does_no_harm(far: Far, running: Running) -> No
 def test_a_frame_that_fits_no_message_stops_nothing(far: Far, running: Running, daemon: MadeUpDaemon) -> None:
     """The next one is sent."""
     daemon.frame = {"markers": [{"id": 7}]}
-    time.sleep(0.3)
+    shows(daemon, 15)
     daemon.frame = {}
-    time.sleep(0.1)
+    shows(daemon, 5)
     assert frames_after(far, len(far.frames))
     assert running.process.poll() is None
 
@@ -137,14 +155,11 @@ def test_a_frame_that_fits_no_message_stops_nothing(far: Far, running: Running, 
 def test_a_daemon_that_ends_and_comes_back_is_followed_again(
     far: Far, running: Running, daemon: MadeUpDaemon, tmp_path: Path
 ) -> None:
-    """Its frames begin at 1 again."""
+    """Its frames begin at 1 again, and are new all the same."""
     daemon.close()
-    time.sleep(0.3)
-    since = len(far.frames)
     again = MadeUpDaemon(tmp_path / "tap.sock", numbered=True)
-    frames = frames_after(far, since)
+    wait_until(lambda: sum(seq < FIRST for _, seq, _ in far.frames) > 5)
     again.close()
-    assert frames[0][1] < frames[-1][1] < daemon.frames_shown + 500
     assert running.process.poll() is None
 
 

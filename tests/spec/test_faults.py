@@ -74,6 +74,15 @@ class Line:
             assert not isinstance(message, MarkerMessage | FixMessage) or message.age_us <= MAX_AGE_US
         return new
 
+    def read_until(self, enough: Callable[[], bool]) -> None:
+        """With what is there once it is enough."""
+        deadline = time.monotonic() + DEADLINE_S
+        while not enough():
+            self.read()
+            assert time.monotonic() < deadline
+        while select.select([self._master], [], [], 0.0)[0]:
+            self.read()
+
     def read_for(self, seconds: float) -> None:
         until = time.monotonic() + seconds
         while time.monotonic() < until:
@@ -184,7 +193,7 @@ def test_a_receiver_that_stops_reading(take: Path, tmp_path: Path, plug: Callabl
         ended = end(process, signal.SIGTERM)
     assert ended.status == 0
     decoded = [int(n) for entry in ended.log for n in re.findall(r"(\d+) decoded/s", entry)]
-    assert min(decoded) > 0
+    assert min(decoded[1:]) > 0  # the first second is the start's
 
 
 @alone
@@ -254,15 +263,14 @@ def test_nobody_takes_its_log(take: Path, tmp_path: Path, plug: Callable[[], Lin
             line.wait_for_markers(10)
             line.read_for(2.0)  # in each second it would say something
             seen = len(line.messages)
-            line.read_for(1.0)
+            line.read_until(lambda: sum(isinstance(message, StatusMessage) for message in line.messages[seen:]) > 3)
             process.send_signal(signal.SIGTERM)
-            line.read_for(1.0)
-            assert process.wait(DEADLINE_S) == 0
+            line.read_until(lambda: process.poll() is not None)
+            assert process.returncode == 0
         finally:
             process.kill()
             os.close(reads)
             os.close(writes)
-    assert sum(isinstance(message, StatusMessage) for message in line.messages[seen:]) >= 3
     assert isinstance(line.messages[-1], StatusMessage)
     assert line.messages[-1].state is State.STOPPING
 
@@ -289,7 +297,7 @@ def test_sigterm_while_a_frame_takes_long(take: Path, tmp_path: Path, plug: Call
         line.wait_for_markers(10)
         line.read_for(1.0)  # by now frame 31 has come
         process.send_signal(signal.SIGTERM)
-        line.read_for(1.0)
+        line.read_until(lambda: process.poll() is not None)
         ended = end(process)
     assert ended.status == 0
     assert "INFO ended: " in ended.log[-1]
@@ -325,11 +333,7 @@ def test_a_driver_that_hangs_does_not_keep_the_last_word(tmp_path: Path, plug: C
     camera.hangs.set()
     line.read_for(0.2)
     running.stop()
-    deadline = time.monotonic() + DEADLINE_S
-    while thread.is_alive():
-        line.read()
-        assert time.monotonic() < deadline
-    line.read()
+    line.read_until(lambda: not thread.is_alive())
     camera.may_end.set()
     assert isinstance(line.messages[-1], StatusMessage)
     assert line.messages[-1].state is State.STOPPING
@@ -384,10 +388,9 @@ def test_a_stall_starves_the_watchdog(
         manager.bind(str(tmp_path / "notify"))
         manager.setblocking(False)
         with daemon_in_thread(config, Stalling()):
-            deadline = time.monotonic() + DEADLINE_S
-            while not any(isinstance(m, StatusMessage) and m.state is State.CAMERA_LOST for m in line.messages):
-                line.read()
-                assert time.monotonic() < deadline
+            line.read_until(
+                lambda: any(isinstance(m, StatusMessage) and m.state is State.CAMERA_LOST for m in line.messages)
+            )
             time.sleep(0.3)  # whatever was due when it stalled
             with suppress(BlockingIOError):
                 while manager.recv(4096):
@@ -427,10 +430,9 @@ def test_a_clock_that_is_set_changes_nothing(take: Path, tmp_path: Path, plug: C
     command = [*COMMAND[:2], SET_CLOCK + COMMAND[2], *COMMAND[3:]]
     with daemon(*settings(take, tmp_path), options=FOR_EVER, command=command) as process:
         line.wait_for_markers(1)
-        line.read_for(0.8)
+        line.read_until(lambda: sum(isinstance(message, StatusMessage) for message in line.messages) >= 3)
         assert end(process, signal.SIGTERM).status == 0
     assert (line.receiver.counters.bad, line.receiver.counters.lost) == ({}, 0)
-    assert sum(isinstance(message, StatusMessage) for message in line.messages) >= 3
     ages_us = [message.age_us for message in line.messages if isinstance(message, MarkerMessage)]
     assert min(ages_us) > 5_000  # half the exposure, at the very least
 

@@ -27,6 +27,7 @@ pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test m
 WIRE = str(Path(ledpi.wire.__file__).parent)
 PAUSE_S = 0.01
 TOO_SMALL_US = 3000
+TRIES = 6
 FAST = 4_000_000  # baud: the line is free again at once
 LONG_MS = 10_000  # no pose grows too old, however long a busy machine stops the process
 
@@ -107,7 +108,7 @@ def test_a_pause_at_any_line_of_the_publisher_makes_no_age_too_small(
 ) -> None:
     """Both threads that send are held up, for three times what an age may be wrong by.
 
-    A busy machine may stop the process by itself where the publisher can no longer see it, but not twice at a line.
+    A busy machine may stop the process by itself where the publisher can no longer see it, but not each time at a line.
     """
     ids = itertools.count()
     with controller(max_age_us=LONG_MS * 1000) as line:
@@ -117,7 +118,7 @@ def test_a_pause_at_any_line_of_the_publisher_makes_no_age_too_small(
             understated_us(publisher, line, written, [next(ids), next(ids)])
         lines, held = sorted(pauses.seen), 0
         for here in lines:
-            for _ in range(2):
+            for _ in range(TRIES):
                 pauses.choose(here)
                 worst_us = understated_us(publisher, line, written, [next(ids), next(ids)])
                 held += pauses.held
@@ -155,17 +156,18 @@ def test_a_pose_that_grows_too_old_while_its_packet_is_made_is_not_written(monke
         arm()
         publisher.publish(decoded_now(3, age_ms=85.0))
         line.wait_for(lambda _: publisher.counters.stale == 1)
-        publisher.publish(decoded_now(7))
-        line.wait_for(lambda end: bool(end.markers))
+        while not line.markers:  # on a busy machine one more may grow too old
+            publisher.publish(decoded_now(7))
+            time.sleep(0.01)
         publisher.stop()
-    assert [marker.id for marker in line.markers] == [7]
+    assert {marker.id for marker in line.markers} == {7}
 
 
 def test_a_packet_that_is_made_again_keeps_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was not written is no loss on the line; and the pose is sent, with its true age."""
     arm = slow_once(monkeypatch)
-    with controller() as line:
-        publisher = Publisher(SerialSettings(port=line.port, baud=FAST))
+    with controller(max_age_us=LONG_MS * 1000) as line:
+        publisher = Publisher(SerialSettings(port=line.port, baud=FAST, max_age_ms=LONG_MS))
         publisher.start()
         wait_until_lent(publisher, line)
         arm()

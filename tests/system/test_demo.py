@@ -121,7 +121,10 @@ def run(out: Path, mark: str, *options: str) -> subprocess.CompletedProcess[str]
 @alone
 def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
     """Daemon, serial line, monitor: poses beside the truth, a picture, one line of summary, and nothing left behind."""
-    done = run(tmp_path, str(tmp_path), "--seconds", "1.5")
+    for seconds in ("1.5", "6", "24"):  # where the machine is so busy that no pose arrives in time, longer
+        done = run(tmp_path, str(tmp_path), "--seconds", seconds)
+        if "no pose arrived" not in done.stderr:
+            break
     assert (done.returncode, done.stderr) == (0, "")
     poses = [line for line in done.stdout.splitlines() if re.match(r" +\d+\.\d s  +\d+ ", line)]
     assert {line.split()[2] for line in poses} == {"7", "23"}

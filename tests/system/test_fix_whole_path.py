@@ -19,7 +19,7 @@ from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene, whole_rows_us
 from ledpi.wire import FixMessage, NoFix, Receiver, StatusMessage
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 FRAMES = 8
@@ -49,7 +49,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def ledpi(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", "from ledpi.cli import main; main()", *map(str, arguments)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=60, env=environment)
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S, env=environment)
 
 
 def test_decode_tells_where_the_robot_is(take: Path) -> None:

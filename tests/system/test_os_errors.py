@@ -304,7 +304,7 @@ def test_a_publisher_that_is_refused_something_opens_its_port_again(
         line.wait_for(lambda end: bool(end.statuses))
         armed.set()
         publisher.publish(decoded_now(3))
-        line.wait_for(lambda _: publisher.counters.opened == 2)
+        line.wait_for(lambda _: publisher.counters.opened >= 2)
         publisher.publish(decoded_now(7))
         line.wait_for(lambda end: any(marker.id == 7 for marker in end.markers))
         assert publisher.failure is None

@@ -39,6 +39,7 @@ from tests.builders.daemon import (
     wait_for_log,
     write_recording,
 )
+from tests.builders.tap import wait_until
 
 FILES = 40  # each a SIGHUP, and a tenth of a second
 # In it, a file of that name is as on a mount whose server is gone.
@@ -163,7 +164,8 @@ def test_bad_files_change_nothing(tmp_path: Path) -> None:
             assert len(said) < 1000, (which, name, said)
         seen = len(line.markers)
         line.wait_for(lambda c: len(c.markers) > seen + 3)
-        assert holds(process) == before
+        # One may be open for a moment only.
+        wait_until(lambda: all(now <= then for now, then in zip(holds(process), before, strict=True)))
         ended_in_time(process)
 
 
@@ -188,7 +190,7 @@ def test_a_mount_that_hangs_stops_nothing(tmp_path: Path, config: str) -> None:
         process.send_signal(signal.SIGHUP)
         seen = len(line.markers)
         line.wait_for(lambda c: len(c.markers) > seen + 20)
-        assert holds(process)[0] == threads + 1
+        wait_until(lambda: holds(process)[0] == threads + 1)
         ended_in_time(process)
 
 
@@ -198,11 +200,11 @@ def test_a_configuration_that_arrives_late_is_taken() -> None:
 
     def load() -> Config:
         began.set()
-        assert may_end.wait(60)
+        assert may_end.wait(DEADLINE_S)
         return load_config(None, ("panels.side_m=0.16", "camera.source=simulated"))
 
     reading = Reading(load)
-    assert began.wait(60)
+    assert began.wait(DEADLINE_S)
     assert reading.result() is None
     may_end.set()
     while (result := reading.result()) is None:
@@ -317,13 +319,13 @@ def test_a_device_runs_on_unless_it_would_be_set_up_otherwise(change: str, opene
     running = threading.Thread(target=service.run)
     running.start()
     service.reload()
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + DEADLINE_S
     while service._daemon is first:
         assert time.monotonic() < deadline
         time.sleep(0.01)
     assert [camera.closed for camera in Counted.opened] == [True] * (opened - 1) + [False]
     service.stop()
-    running.join(60)
+    running.join(DEADLINE_S)
     assert all(camera.closed for camera in Counted.opened)
 
 
@@ -334,7 +336,7 @@ def test_a_camera_that_hangs_is_opened_again() -> None:
 
     class Hanging(Counted):
         def read(self, into: Pixels) -> Frame | None:
-            ends.wait(60)
+            ends.wait(DEADLINE_S)
             return None
 
         def close(self) -> None:
@@ -346,12 +348,12 @@ def test_a_camera_that_hangs_is_opened_again() -> None:
     running = threading.Thread(target=service.run)
     running.start()
     service.reload()
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + DEADLINE_S
     while len(Counted.opened) < 2:
         assert time.monotonic() < deadline
         time.sleep(0.01)
     service.stop()
-    running.join(60)
+    running.join(DEADLINE_S)
     assert [type(camera) for camera in Counted.opened] == [Hanging, Counted]
     assert all(camera.closed for camera in Counted.opened)
 
@@ -379,11 +381,11 @@ def test_an_error_while_the_new_daemon_is_made_brings_the_old_configuration_back
     running = threading.Thread(target=service.run)
     running.start()
     service.reload()
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + DEADLINE_S
     while len(opened) < 2:
         assert time.monotonic() < deadline
         time.sleep(0.01)
     service.stop()
-    running.join(60)
+    running.join(DEADLINE_S)
     assert not running.is_alive()
     assert f'reload_refused error="{said}" stays="the old configuration"' in caplog.text

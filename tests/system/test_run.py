@@ -45,6 +45,7 @@ from tests.builders.daemon import (
 
 alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
+LONG_MS = 10_000  # no pose grows too old, however busy the machine is
 END_S = 3.0  # for the end after a signal: 1 s is promised, a busy machine gets more
 HEALTH = re.compile(r"INFO \d+ frames/s, \d+ decoded/s, \d+ markers/s, \d+ in view; dropped \d+ of \d+; ms: .*; pac")
 
@@ -119,9 +120,9 @@ def test_ages_are_plausible(drive: Run) -> None:
 @alone
 def test_the_heartbeat_comes_five_times_a_second(drive: Run) -> None:
     """From the first status to the last, with room for a busy machine: none is more than half a second late."""
-    times = [at for at, _ in drive.controller.statuses]
-    assert len(times) >= 5 * (times[-1] - times[0])
-    assert np.diff(times).max() < 0.7
+    gaps_s = np.diff([at for at, _ in drive.controller.statuses])
+    assert np.median(gaps_s) <= 0.2
+    assert gaps_s.max() < 0.35 * slowness()
 
 
 @alone
@@ -216,9 +217,9 @@ def test_a_bad_frame_is_counted_and_skipped(tmp_path: Path) -> None:
 def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
     """Paced, as the sensor delivered it: the ID, and a pose by the recording's own lens and panel size."""
     write_recording(tmp_path / "take", 20)
-    with controller() as line:
+    with controller(max_age_us=1000 * LONG_MS) as line:
         settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
-        with daemon(*settings) as process:
+        with daemon(*settings, f"serial.max_age_ms={LONG_MS}") as process:
             assert end(process).status == 0
         line.close()
         assert {marker.id for marker in line.markers} == {7}
@@ -231,16 +232,19 @@ def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
 def test_without_a_lens_ids_are_sent_flagged_uncalibrated(tmp_path: Path) -> None:
     """No poses; the heartbeat and a warning say why."""
     write_recording(tmp_path / "take", 20, calibrated=False)
-    with controller() as line:
+    with controller(max_age_us=1000 * LONG_MS) as line:
         settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
-        with daemon(*settings) as process:
-            ended = end(process)
+        settings = (*settings, f"serial.max_age_ms={LONG_MS}")
+        with daemon(*settings, options=("--frames", "1000000")) as process:
+            line.wait_for(lambda c: any(status.no_fix is NoFix.UNCALIBRATED for _, status in c.statuses))
+            line.wait_for(lambda c: bool(c.markers))
+            ended = end(process, signal.SIGTERM)
         line.close()
         assert ended.status == 0
         assert any("camera.intrinsics is not set" in entry for entry in ended.log)
         assert {(marker.id, marker.pose, marker.uncalibrated) for marker in line.markers} == {(7, None, True)}
         running = [status.no_fix for _, status in line.statuses if status.state is State.RUNNING]
-        assert set(running) == {NoFix.UNCALIBRATED}
+        assert set(running) <= {NoFix.UNCALIBRATED, NoFix.BEHIND}  # where the machine is busy
 
 
 @pytest.mark.slow
@@ -260,7 +264,7 @@ def test_a_pose_leaves_once_it_is_decoded() -> None:
 
     `benchmarks/speed/latency.py` asks that of the 99th percentile, on a machine that has nothing else to do.
     """
-    latency = measure(0.8, frames=60, warm_up=20)
+    latency = measure(0.4 * slowness(), frames=60, warm_up=20)
     assert latency.packets > 8
     assert latency.p25 <= slowness() * (latency.decode_p50 + 1.0)
 
@@ -450,10 +454,17 @@ def test_stop_ends_it_from_any_thread(tmp_path: Path) -> None:
     """Without a port, too; what it did until then is returned."""
     settings = config(str(tmp_path / "no-port"))
     running = Daemon(settings, open_simulated(settings, paced=True))
-    threading.Timer(0.5, running.stop).start()
-    started = time.monotonic()
+    asked_s: list[float] = []
+
+    def stop() -> None:
+        while running._totals().health.decoded == 0:
+            time.sleep(0.01)
+        asked_s.append(time.monotonic())
+        running.stop()
+
+    threading.Thread(target=stop).start()
     totals = running.run()
-    assert time.monotonic() - started < 0.5 + END_S * slowness()
+    assert time.monotonic() - asked_s[0] < END_S * slowness()
     assert totals.ring.published >= totals.ring.taken >= totals.health.decoded > 0
 
 
@@ -488,6 +499,6 @@ def test_a_signal_cannot_lock_the_daemon_up(tmp_path: Path) -> None:
 
     waiting = threading.Thread(target=run, daemon=True)
     waiting.start()
-    waiting.join(timeout=20)
+    waiting.join(timeout=DEADLINE_S)
     assert not waiting.is_alive()
     assert len(set(interrupted)) >= 3

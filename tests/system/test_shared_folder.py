@@ -15,6 +15,7 @@ import pytest
 
 from ledpi.cli.drawn import write_drawn
 from ledpi.tools.calibrate.files import check_writable, write_keeping_old
+from tests.builders import DEADLINE_S
 
 VIDEO, SOMEBODY = 44, 61_234  # the group's number on Debian; a user that need not exist
 # Links under every name that root may write to first, at once and wherever one appears.
@@ -46,7 +47,7 @@ def shared(place: Path) -> Iterator[Path]:
     """`shared`, with another user of the group at work in it."""
     command = ["/bin/sh", "-c", ATTACK, "attack", place / "shared", place / "secret", place / "stop"]
     with subprocess.Popen(command, user=SOMEBODY, group=SOMEBODY, extra_groups=[VIDEO]):
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + DEADLINE_S
         while not (place / "shared/ready").exists():
             assert time.monotonic() < deadline
             time.sleep(0.01)

@@ -24,6 +24,7 @@ from ledpi.core.records import Frame, Pixels
 from ledpi.runtime.daemon import Daemon
 from ledpi.tools.doctor.camera import camera as camera_findings
 from ledpi.wire import NoFix, State
+from tests.builders import DEADLINE_S
 from tests.builders.daemon import controller, slowness
 from tests.builders.virtual_panels import IDS, SETTINGS, rendered
 from tests.builders.virtual_picamera2 import ROW_US, Behaviour, show, unplug
@@ -62,7 +63,7 @@ def running(port: str) -> Iterator[Daemon]:
         yield daemon
     finally:
         daemon.stop()
-        thread.join(10)
+        thread.join(DEADLINE_S)
         assert not thread.is_alive()
     if failed:
         raise failed[0]
@@ -75,7 +76,7 @@ def test_the_right_ids_arrive(behaviour: Behaviour, pictures: list[Pixels], tmp_
     given = (*SETTINGS, f"camera.exposure_us={int(314 * ROW_US)}")
     command = [sys.executable, "-c", "from ledpi.cli import main; main()", "decode", *map(str, files)]
     command += [part for item in given for part in ("--set", item)]
-    lines = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.splitlines()
+    lines = subprocess.run(command, capture_output=True, text=True, check=True, timeout=DEADLINE_S).stdout.splitlines()
     decoded = [{marker["id"] for marker in json.loads(line)["markers"]} for line in lines]
     assert decoded == [set(IDS)] * len(files)
     with controller() as line, running(line.port):

@@ -21,10 +21,10 @@ from ledpi.camera.factory import open_camera
 from ledpi.config.settings import Config
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, Pixels
 from ledpi.recording.writer import RecordingWriter
+from tests.builders import DEADLINE_S
 
 FRAMES = 4
 FAR_S = 10.0  # the longest that may be asked for: it does not come while a test waits
-WAIT_S = 5.0  # generous: a thread that needs it hangs
 Opener = Callable[[Path, float | None], Camera]
 
 
@@ -142,7 +142,7 @@ def test_the_host_s_clock_is_reported(camera: Camera) -> None:
     while (frame := camera.read(slot_for(camera))) is not None:
         assert isinstance(frame, Frame)
         age_ns = time.monotonic_ns() - (frame.row0_readout_ns + frame.host_offset_ns + readout_ns)
-        assert -1000 <= age_ns < WAIT_S * 1e9  # 1 µs for rounding
+        assert -1000 <= age_ns < DEADLINE_S * 1e9  # 1 µs for rounding
 
 
 def test_the_end_is_none_and_stays(camera: Camera) -> None:
@@ -172,5 +172,5 @@ def test_close_from_another_thread_ends_a_waiting_read(name: str, tmp_path: Path
     time.sleep(0.1)  # so that it waits, most likely
     assert got == []
     camera.close()
-    reader.join(WAIT_S)
+    reader.join(DEADLINE_S)
     assert got == [None]

@@ -15,10 +15,10 @@ from ledpi.camera.recording import RecordingCamera
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelSpec, Rejected
 from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
+from tests.builders import DEADLINE_S
 
 HEIGHT, WIDTH, ROW_US = 6, 8, 100.0
 READOUT_NS = 600_000  # 6 rows
-WAIT_S = 10.0
 LENS = Intrinsics(width=WIDTH, height=HEIGHT, fx=10.0, fy=11.0, cx=3.5, cy=2.5)
 SOURCE = CameraInfo(
     width=WIDTH,
@@ -186,5 +186,5 @@ def test_close_ends_a_wait_for_a_frame_that_is_far_away(tmp_path: Path) -> None:
     reader.start()
     time.sleep(0.05)
     camera.close()
-    reader.join(WAIT_S)
+    reader.join(DEADLINE_S)
     assert got == [None]

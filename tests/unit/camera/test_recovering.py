@@ -15,6 +15,7 @@ from ledpi.camera.recovering import LOST, RecoveringCamera
 from ledpi.cli import main
 from ledpi.core.errors import CameraError, CameraLostError
 from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
+from tests.builders import DEADLINE_S
 
 INFO = CameraInfo(width=8, height=6, exposure_us=1e4, row_time_us=31.75, transfer="linear", frame_length_rows=509)
 GONE = CameraLostError("picamera2: the camera delivered nothing for 0.081 s")
@@ -160,7 +161,7 @@ def test_close_ends_the_wait_between_two_attempts(monkeypatch: pytest.MonkeyPatc
     reader.start()
     camera.close()
     camera.close()
-    reader.join(10)
+    reader.join(DEADLINE_S)
     assert got == [None]
 
 

@@ -25,7 +25,7 @@ from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 from tests.builders.command import Run, complaint, in_process
 
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "decode"]
@@ -70,7 +70,7 @@ def lines(text: str) -> list[dict[str, Any]]:
 
 def process(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     command = [*COMMAND, *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
 
 
 @pytest.fixture
@@ -221,7 +221,7 @@ def test_progress_is_shown_on_a_terminal_only(kept: Path) -> None:
     master, slave = os.openpty()
     try:
         done = subprocess.run(
-            [*COMMAND, str(kept / "one")], cwd=ROOT, stdout=subprocess.PIPE, stderr=slave, text=True, timeout=60
+            [*COMMAND, str(kept / "one")], cwd=ROOT, stdout=subprocess.PIPE, stderr=slave, text=True, timeout=DEADLINE_S
         )
         os.set_blocking(master, False)
         shown = os.read(master, 100_000).decode(errors="ignore")  # a long one is cut somewhere

@@ -14,7 +14,7 @@ import pytest
 
 from ledpi import __version__
 from ledpi.__main__ import main
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 from tests.builders.command import in_process
 from tests.builders.daemon import write_recording
 
@@ -40,7 +40,7 @@ def ended(arguments: list[str], folder: Path, typer: str, *, ignoring: bool = Fa
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=DEADLINE_S,
     )
     return done.returncode, done.stderr
 
@@ -78,7 +78,7 @@ def test_a_terminal_that_is_not_utf_8_gets_escapes() -> None:
         env=os.environ | {"PYTHONIOENCODING": "latin-1"},
         cwd=ROOT,
         capture_output=True,
-        timeout=60,
+        timeout=DEADLINE_S,
     )
     assert (done.returncode, done.stderr) == (1, b"")
     assert done.stdout.startswith(b"\\u2717 configuration")
@@ -87,7 +87,12 @@ def test_a_terminal_that_is_not_utf_8_gets_escapes() -> None:
 def test_it_says_its_version() -> None:
     """As a report of a fault needs it."""
     done = subprocess.run(
-        [sys.executable, "-m", "ledpi", "--version"], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-m", "ledpi", "--version"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=DEADLINE_S,
     )
     assert done.stdout == f"ledpi {__version__}\n"
 
@@ -137,7 +142,7 @@ def test_a_warning_looks_as_an_error_does(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=DEADLINE_S,
     )
     assert len(done.stdout.splitlines()) == 1
     assert done.stderr.startswith(f"ledpi: {tmp_path}/take\\nold/frames.jsonl: line 2: is cut off; ")
@@ -158,6 +163,10 @@ def test_a_shell_can_complete_commands(typed: str, completed: str) -> None:
     """As `ledpi --install-completion` sets it up for bash."""
     asked = {"_LEDPI_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
     done = subprocess.run(
-        [sys.executable, "-c", console_script()], env=os.environ | asked, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", console_script()],
+        env=os.environ | asked,
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
     )
     assert done.stdout.split() == [completed]

@@ -18,10 +18,8 @@ import pytest
 
 from ledpi.wire import NoFix, State, StatusMessage
 from ledpi.wire.codec import encode
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 from tests.builders.wire import vectors
-
-DEADLINE_S = 30.0
 
 # Typer drops the name of a command that is the only one, so this one is made not to be.
 COMMAND = [

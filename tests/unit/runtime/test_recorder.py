@@ -26,8 +26,9 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
 from ledpi.runtime.recorder import BEHIND, LIVE_FILE, WAITING, FolderWriter, Recorder
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 from tests.builders.daemon import SIMULATED as SETTINGS
+from tests.builders.tap import wait_until
 
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 INFO = CameraInfo(width=64, height=48, exposure_us=1e4, row_time_us=31.75, transfer="linear", frame_length_rows=504)
@@ -60,7 +61,7 @@ class Slow(Pipeline):
     gate = threading.Event()
 
     def decode(self, frame: Frame, trace: object = None) -> Decoded:
-        self.gate.wait(10)
+        self.gate.wait(DEADLINE_S)
         return super().decode(frame)
 
 
@@ -80,7 +81,7 @@ def recorder(folder: Path, camera: Camera, pipeline: type[Pipeline] = Pipeline) 
 
 def record(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*COMMAND, "record", *arguments], cwd=ROOT, capture_output=True, text=True, check=False, timeout=60
+        [*COMMAND, "record", *arguments], cwd=ROOT, capture_output=True, text=True, check=False, timeout=DEADLINE_S
     )
 
 
@@ -120,7 +121,7 @@ def test_a_slow_disk_never_holds_the_camera_up(tmp_path: Path, monkeypatch: pyte
     waiting, write = threading.Event(), RecordingWriter.write
 
     def slow(self: RecordingWriter, *arguments: Any, **options: Any) -> int:
-        waiting.wait(10)
+        waiting.wait(DEADLINE_S)
         return write(self, *arguments, **options)
 
     class Ending(Steps):
@@ -145,7 +146,7 @@ def test_where_frames_pile_up_none_is_decoded(tmp_path: Path, monkeypatch: pytes
     blocked, write = threading.Event(), RecordingWriter.write
 
     def slow(self: RecordingWriter, *arguments: Any, **options: Any) -> int:
-        blocked.wait(10)
+        blocked.wait(DEADLINE_S)
         return write(self, *arguments, **options)
 
     class Paced(Steps):
@@ -155,12 +156,13 @@ def test_where_frames_pile_up_none_is_decoded(tmp_path: Path, monkeypatch: pytes
             result = super().read(into)
             if isinstance(result, Frame) and result.seq == 2 * BEHIND:
                 blocked.set()
-                time.sleep(0.5)
+                wait_until(lambda: one.done.written == 2 * BEHIND)
             time.sleep(0.01)
             return result
 
     monkeypatch.setattr(RecordingWriter, "write", slow)
-    recorder(tmp_path / "take", Paced(*range(2 * BEHIND + 1))).run()
+    one = recorder(tmp_path / "take", Paced(*range(2 * BEHIND + 1)))
+    one.run()
     decoded = [entry.decoded for entry in load_recording(tmp_path / "take").frames]
     assert decoded[0] is True
     assert decoded[BEHIND + 1 : -1] == [False] * (BEHIND - 1), "one frame is in the writer's hands"
@@ -188,7 +190,7 @@ def test_a_bug_in_an_encoder_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyP
     may_fail = threading.Event()
 
     def broken(pixels: Pixels) -> bytes:
-        may_fail.wait(10)
+        may_fail.wait(DEADLINE_S)
         raise ZeroDivisionError("a bug")
 
     monkeypatch.setattr("ledpi.runtime.recorder.encode_picture", broken)
@@ -204,7 +206,7 @@ def test_a_bug_in_an_encoder_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     running = threading.Thread(target=run, daemon=True)
     running.start()
-    running.join(timeout=20)
+    running.join(timeout=DEADLINE_S)
     assert [str(error) for error in ended] == ["a bug"]
 
 
@@ -222,7 +224,7 @@ def test_a_replay_decodes_as_live(tmp_path: Path) -> None:
     done = record(str(take), "--seconds", "1.5", *SIMULATED)
     assert done.returncode == 0, done.stderr
     command = [*COMMAND, "decode", "--as-live", str(take)]
-    replay = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60).stdout
+    replay = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=DEADLINE_S).stdout
     live = [json.loads(line) for line in (take / LIVE_FILE).read_text().splitlines()]
     again = [json.loads(line) for line in replay.splitlines()]
     for line in live + again:
@@ -237,12 +239,12 @@ def test_ctrl_c_ends_it_in_order(tmp_path: Path) -> None:
     take = tmp_path / "take"
     command = [*COMMAND, "record", str(take), "--seconds", "600", *SIMULATED]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + DEADLINE_S
         while not (take / "frames").is_dir() or len(os.listdir(take / "frames")) < 5:
             assert time.monotonic() < deadline
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=30)[0]
+        said = process.communicate(timeout=DEADLINE_S)[0]
         assert process.returncode == 0
     frames = load_recording(take).frames
     assert said.startswith(f"{take}: {len(frames)} frames, ")

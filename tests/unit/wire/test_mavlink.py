@@ -36,11 +36,10 @@ from ledpi.wire.message import MarkerMessage, NoFix, State, StatusMessage, fix_m
 from ledpi.wire.outbox import Outbox
 from ledpi.wire.publisher import Publisher
 from ledpi.wire.resets import Resets
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 from tests.builders.daemon import SIMULATED, daemon, end
 from tests.builders.wire import decoded, decoded_now, marker_pose, robot_fix
 
-DEADLINE_S = 20.0
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # a panel that hangs upright and faces the camera
 
 
@@ -390,7 +389,7 @@ def test_without_pymavlink_run_ends_with_status_2() -> None:
     def run(protocol: str) -> subprocess.CompletedProcess[str]:
         sets = [part for item in [*settings, f"serial.protocol={protocol}"] for part in ("--set", item)]
         command = [sys.executable, "-c", script, "run", "--frames", "1", "--unpaced", *sets]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
 
     refused = run("mavlink")
     assert refused.returncode == 2

@@ -27,9 +27,8 @@ from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, Stat
 from ledpi.wire.codec import DELIMITER, encode
 from ledpi.wire.line import SerialLine
 from ledpi.wire.publisher import Publisher
+from tests.builders import DEADLINE_S
 from tests.builders.wire import decoded_now
-
-DEADLINE_S = 20.0
 
 
 class FarEnd:
@@ -85,11 +84,11 @@ def far_end() -> Iterator[FarEnd]:
 
 @pytest.fixture
 def start() -> Iterator[Callable[..., Publisher]]:
-    """Starts publishers and stops them after the test."""
+    """Starts publishers and stops them after the test. No pose grows too old, unless a test says when."""
     started = []
 
     def start(port: str | Path, **settings: Any) -> Publisher:
-        publisher = Publisher(SerialSettings(port=str(port), **settings))
+        publisher = Publisher(SerialSettings(port=str(port), **{"max_age_ms": 60_000.0} | settings))
         publisher.start()
         started.append(publisher)
         return publisher
@@ -127,7 +126,7 @@ Start = Callable[..., Publisher]
 def test_poses_arrive_with_the_fix_first(far_end: FarEnd, start: Start) -> None:
     """One frame with two panels and a fix: three packets, in the order of their importance."""
     publisher = start(far_end.path)
-    far_end.read_until(lambda: len(far_end.messages) == 1)
+    far_end.read_until(lambda: len(far_end.messages) >= 1)
     publisher.publish(decoded_now(3, 7, fix=True))
     far_end.read_until(lambda: far_end.marker_ids() == [3, 7])
     poses = [message for message in far_end.messages if not isinstance(message, StatusMessage)]
@@ -140,10 +139,10 @@ def test_poses_arrive_with_the_fix_first(far_end: FarEnd, start: Start) -> None:
 def test_the_age_runs_from_mid_exposure_to_the_first_byte(far_end: FarEnd, start: Start) -> None:
     """Not less than when it was handed over, not more than when it had arrived."""
     publisher = start(far_end.path)
-    far_end.read_until(lambda: len(far_end.messages) == 1)
+    far_end.read_until(lambda: len(far_end.messages) >= 1)
     mid_ns = time.monotonic_ns() - 30_000_000
     publisher.publish(decoded_now(fix=True, age_ms=30.0))
-    far_end.read_until(lambda: len(far_end.of(FixMessage)) == 1)
+    far_end.read_until(lambda: len(far_end.of(FixMessage)) >= 1)
     arrived_ns = far_end.arrived_ns[far_end.messages.index(far_end.of(FixMessage)[0])]
     fix = far_end.of(FixMessage)[0]
     assert isinstance(fix, FixMessage)
@@ -161,23 +160,25 @@ def test_the_age_counts_the_making_of_the_packet(
         return encode(message, sequence)
 
     monkeypatch.setattr("ledpi.wire.publisher.encode", slowly)
-    publisher = start(far_end.path, max_age_ms=60_000.0)
-    far_end.read_until(lambda: len(far_end.messages) == 1)
+    publisher, took_us = start(far_end.path), []
+    far_end.read_until(lambda: len(far_end.messages) >= 1)
     for n in range(20):
         mid_ns = time.monotonic_ns() - 30_000_000
         publisher.publish(decoded_now(n, age_ms=30.0))
         far_end.read_until(lambda n=n: n in far_end.marker_ids())  # type: ignore[misc]
+        took_us.append((far_end.arrived_ns[-1] - mid_ns) / 1000 - 30_000)
     last = far_end.of(MarkerMessage)[-1]
     assert isinstance(last, MarkerMessage)
-    assert 35_000 <= last.age_us <= (far_end.arrived_ns[-1] - mid_ns) / 1000 + 5_000
+    # What is expected of the making is what others before have taken.
+    assert 35_000 <= last.age_us <= 30_000 + took_us[-1] + max(took_us)
 
 
 def test_the_age_counts_the_bytes_that_have_not_left(far_end: FarEnd, start: Start) -> None:
     """At 9600 baud a packet and its zero take 42.7 ms: each of a frame's markers is that much older than the last."""
     publisher = start(far_end.path, baud=9600, max_age_ms=1000.0)
-    far_end.read_until(lambda: len(far_end.messages) == 1)
+    far_end.read_until(lambda: len(far_end.messages) >= 1)
     publisher.publish(decoded_now(1, 2, 3, 4))
-    far_end.read_until(lambda: len(far_end.marker_ids()) == 4)
+    far_end.read_until(lambda: len(far_end.marker_ids()) >= 4)
     ages_us = [message.age_us for message in far_end.messages if isinstance(message, MarkerMessage)]
     packet_us = 41 * 10 / 9600 * 1e6
     assert all(later - earlier >= packet_us - 1 for earlier, later in itertools.pairwise(ages_us))
@@ -186,7 +187,7 @@ def test_the_age_counts_the_bytes_that_have_not_left(far_end: FarEnd, start: Sta
 def test_a_heartbeat_comes_at_least_five_times_a_second(far_end: FarEnd, start: Start) -> None:
     """Even when nothing is seen; the first at once, saying "starting"."""
     start(far_end.path)
-    far_end.read_until(lambda: len(far_end.messages) == 10)
+    far_end.read_until(lambda: len(far_end.messages) >= 10)
     assert all(isinstance(message, StatusMessage) for message in far_end.messages)
     first = far_end.messages[0]
     assert isinstance(first, StatusMessage)
@@ -197,8 +198,8 @@ def test_a_heartbeat_comes_at_least_five_times_a_second(far_end: FarEnd, start: 
 
 def test_the_heartbeat_says_what_was_set(far_end: FarEnd, start: Start) -> None:
     """And counts the poses that were dropped."""
-    publisher = start(far_end.path)
-    far_end.read_until(lambda: len(far_end.messages) == 1)
+    publisher = start(far_end.path, max_age_ms=100.0)
+    far_end.read_until(lambda: len(far_end.messages) >= 1)
     publisher.set_status(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_MAP, frames=123))
     publisher.publish(decoded_now(7, age_ms=500.0))
     wanted = StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_MAP, frames=123, packets_dropped=1)
@@ -207,9 +208,9 @@ def test_the_heartbeat_says_what_was_set(far_end: FarEnd, start: Start) -> None:
 
 def test_a_stale_pose_is_never_written(far_end: FarEnd, start: Start) -> None:
     """It is counted; a fresh one after it arrives."""
-    publisher = start(far_end.path)
-    far_end.read_until(lambda: len(far_end.messages) == 1)
-    publisher.publish(decoded_now(7, fix=True, age_ms=150.0))
+    publisher = start(far_end.path, max_age_ms=1000.0)
+    far_end.read_until(lambda: len(far_end.messages) >= 1)
+    publisher.publish(decoded_now(7, fix=True, age_ms=1500.0))
     wait_until(lambda: publisher.counters.stale == 2)
     publisher.publish(decoded_now(8))
     far_end.read_until(lambda: far_end.marker_ids() == [8])
@@ -220,8 +221,8 @@ def test_what_was_on_the_line_before_costs_no_packet(far_end: FarEnd, start: Sta
     """The first byte is a delimiter: half a frame of an earlier sender does not swallow our first one."""
     far_end.receiver.feed(b"\0\x05\x01\x01")
     publisher = start(far_end.path)
-    far_end.read_until(lambda: len(far_end.messages) == 2)
-    wait_until(lambda: publisher.counters.statuses == 2)
+    far_end.read_until(lambda: len(far_end.messages) >= 2)
+    wait_until(lambda: publisher.counters.statuses >= 2)
     assert far_end.receiver.counters.bad == {"cobs": 1}
 
 
@@ -230,7 +231,7 @@ def test_the_numbers_go_from_65535_to_1(far_end: FarEnd) -> None:
     publisher = Publisher(SerialSettings(port=far_end.path))
     publisher._sequence = 65534
     publisher.start()
-    far_end.read_until(lambda: len(far_end.messages) == 4)
+    far_end.read_until(lambda: len(far_end.messages) >= 4)
     publisher.stop()
     counters = far_end.receiver.counters
     assert (counters.lost, counters.restarts) == (0, 0)
@@ -239,12 +240,12 @@ def test_the_numbers_go_from_65535_to_1(far_end: FarEnd) -> None:
 def test_an_absent_port_is_waited_for(far_end: FarEnd, start: Start, tmp_path: Path) -> None:
     """The daemon starts without it, says why, and sends when it is there: nothing old, everything new."""
     port = tmp_path / "controller"
-    publisher = start(port, max_age_ms=60_000.0)
+    publisher = start(port)
     publisher.publish(decoded_now(7, fix=True))
     wait_until(lambda: publisher.counters.error is not None)
     assert publisher.counters.error == f"{port}: cannot be opened: no such file or directory"
     port.symlink_to(far_end.path)
-    far_end.read_until(lambda: len(far_end.messages) == 1)
+    far_end.read_until(lambda: len(far_end.messages) >= 1)
     counters = publisher.counters
     assert counters.connected
     assert counters.error is None
@@ -258,15 +259,15 @@ def test_a_lost_port_is_found_again(start: Start, tmp_path: Path) -> None:
     """Unplugged while sending, plugged in under the same name: the numbers go on, nothing old is sent."""
     port, first, second = tmp_path / "controller", FarEnd(), FarEnd()
     port.symlink_to(first.path)
-    publisher = start(port, max_age_ms=60_000.0)
-    first.read_until(lambda: len(first.messages) == 2)
+    publisher = start(port)
+    first.read_until(lambda: len(first.messages) >= 2)
     first.unplug()
     wait_until(lambda: not publisher.counters.connected)
     assert publisher.counters.error is not None
     publisher.publish(decoded_now(7))
     port.unlink()
     port.symlink_to(second.path)
-    second.read_until(lambda: len(second.messages) == 2)
+    second.read_until(lambda: len(second.messages) >= 2)
     publisher.publish(decoded_now(8))
     second.read_until(lambda: second.marker_ids() != [])
     assert second.marker_ids() == [8]
@@ -277,10 +278,10 @@ def test_a_lost_port_is_found_again(start: Start, tmp_path: Path) -> None:
 
 def test_a_receiver_that_does_not_read_costs_packets_but_no_time(far_end: FarEnd, start: Start) -> None:
     """The port's buffer fills; from then on poses are dropped and counted. Reading again, new ones arrive."""
-    publisher = start(far_end.path, baud=4_000_000)
+    publisher = start(far_end.path, baud=4_000_000, max_age_ms=500.0)
     jam(publisher, far_end)
     assert publisher.counters.connected
-    time.sleep(0.11)  # what waits grows older than max_age_ms
+    time.sleep(0.55)  # what waits grows older than max_age_ms
     assert publisher.counters.cut <= 2  # a full port is not written to: what waits stays to be replaced
     publisher.publish(decoded_now(1000))
     far_end.read_until(lambda: 1000 in far_end.marker_ids())
@@ -315,7 +316,7 @@ def test_a_write_never_waits(far_end: FarEnd) -> None:
     packet = encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL), 1)
     whole = len(list(itertools.takewhile(lambda written: written, (line.write(packet) for _ in itertools.count()))))
     assert whole > 1
-    far_end.read_until(lambda: len(far_end.messages) == whole)
+    far_end.read_until(lambda: len(far_end.messages) >= whole)
     assert line.write(packet)
     far_end.read_until(lambda: len(far_end.messages) == whole + 1)
     assert sum(far_end.receiver.counters.bad.values()) <= 1
@@ -363,7 +364,7 @@ def test_stop_sends_a_last_status(far_end: FarEnd, start: Start) -> None:
     """The last message of all, after which the thread is gone."""
     publisher = start(far_end.path)
     publisher.set_status(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL, frames=99))
-    far_end.read_until(lambda: len(far_end.messages) == 2)
+    far_end.read_until(lambda: len(far_end.messages) >= 2)
     publisher.stop()
     assert publisher_threads() == []
     far_end.read_until(lambda: isinstance(m := far_end.messages[-1], StatusMessage) and m.state is State.STOPPING)
@@ -435,7 +436,7 @@ def test_a_port_that_another_process_holds_is_waited_for(far_end: FarEnd, start:
         error = str(publisher.counters.error)
     assert error.startswith(f"{far_end.path}: cannot be opened: in use by another process, held by python")
     assert f"(process {other.pid}); stop it with: sudo " in error
-    far_end.read_until(lambda: len(far_end.messages) == 1)
+    far_end.read_until(lambda: len(far_end.messages) >= 1)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to be another user")

@@ -27,7 +27,7 @@ from ledpi.tools.snapshot.drawing import AXES, text
 from ledpi.tools.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
 from ledpi.tools.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw, numbered
 from ledpi.tools.snapshot.record import Snapshot, explain, take
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 from tests.builders.faults import FAULTS, camera_of, config_of
 from tests.builders.simulate import LENS, SPEC, WORD_7, opencv_pixels, panel, sensor, single_class_panel, standing
 
@@ -273,7 +273,7 @@ def test_the_way_to_a_late_frame_is_shown(tmp_path: Path) -> None:
     master, slave = os.openpty()
     given = ["--set", "camera.source=recording:take", "--frame", "1"]
     command = [sys.executable, "-c", "from ledpi.cli import main; main()", "snapshot", *given]
-    done = subprocess.run(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=slave, timeout=60)
+    done = subprocess.run(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=slave, timeout=DEADLINE_S)
     os.set_blocking(master, False)
     shown = os.read(master, 100_000).decode(errors="ignore")
     os.close(slave)
@@ -344,7 +344,7 @@ def test_a_folder_whose_name_is_no_utf_8_is_drawn(take_folder: Path) -> None:
     odd = Path(os.fsdecode(b"take\xff"))
     take_folder.rename(odd)
     command = [sys.executable, "-c", "from ledpi.cli import main; main()", "snapshot", odd, "--out", "out.png"]
-    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, timeout=60)
+    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, timeout=DEADLINE_S)
     assert done.returncode == 0
     assert cv2.imread("out.png") is not None
 
