@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 
 from ledpi.bridge.target import BridgeError, Target
@@ -19,12 +20,17 @@ TARGETS: dict[Kind, tuple[str, str, str | None]] = {
 }
 
 
+def target_class(name: str, kind: Kind) -> Callable[[OutputSettings], Target]:
+    """What makes a target of this kind. Raises BridgeError where its packages are missing."""
+    module, target, extra = TARGETS[kind]
+    try:
+        made: Callable[[OutputSettings], Target] = getattr(import_module(f"ledpi.bridge.{module}"), target)
+    except ImportError as error:
+        said = f"outputs.{name}: kind {kind} needs the package {error.name}"
+        raise BridgeError(f"{said}: {install_command(extra or kind)}") from None
+    return made
+
+
 def open_target(name: str, settings: OutputSettings) -> Target:
     """The target, not yet connected. Raises BridgeError where its packages are missing, or its files cannot be read."""
-    module, target, extra = TARGETS[settings.kind]
-    try:
-        made: Target = getattr(import_module(f"ledpi.bridge.{module}"), target)(settings)
-    except ImportError as error:
-        said = f"outputs.{name}: kind {settings.kind} needs the package {error.name}"
-        raise BridgeError(f"{said}: {install_command(extra or settings.kind)}") from None
-    return made
+    return target_class(name, settings.kind)(settings)

@@ -20,6 +20,7 @@ from ledpi.bridge.password import read_password
 from ledpi.bridge.payload import JsonPayload, with_age
 from ledpi.bridge.sockets import keep_nothing_old, lost
 from ledpi.bridge.target import CONNECT_S, UNANSWERED_MS, BridgeError, Line, TargetLostError
+from ledpi.bridge.tls import refused, tls_context
 from ledpi.config.outputs import OutputSettings
 from ledpi.tap.protocol import write_line
 
@@ -29,7 +30,6 @@ REFUSED = {  # MQTT 3.1.1's return codes of CONNACK that a person has to see to
     4: "refuses the user or the password; see user and password_file",
     5: "does not let this user in; see user and password_file, and the broker's own lists",
 }
-NOT_YET_VALID = 9  # OpenSSL's X509_V_ERR_CERT_NOT_YET_VALID: a Pi without a clock, until it has asked the network
 GONE = "gone"  # the state that the broker tells if we end without a word
 
 
@@ -53,10 +53,8 @@ class MqttTarget:
             client.connect(*self._settings.address, keepalive=KEEPALIVE_S)
             connection: Any = client.socket()
             keep_nothing_old(connection)
-        except ssl.SSLCertVerificationError as error:
-            raise self._untrusted(error) from None
         except ssl.SSLError as error:
-            raise BridgeError(f"{self._where}: speaks no TLS ({error.reason}); is the port right?") from None
+            raise refused(self._where, error) from None
         except ConnectionResetError:
             raise TargetLostError(f"{self._where}: closes the connection; is the port right for {self._way}?") from None
         except OSError as error:
@@ -105,24 +103,11 @@ class MqttTarget:
         if self._settings.user is not None:
             client.username_pw_set(self._settings.user, self._password)
         if self._settings.tls:
-            client.tls_set_context(self._tls())
+            client.tls_set_context(tls_context(self._settings.ca_file))
         client.on_connect = self._hear_welcome
         client.on_publish = self._hear_acknowledgement
         self._waiting_s = {}
         return client
-
-    def _tls(self) -> ssl.SSLContext:
-        ca_file = self._settings.ca_file
-        try:
-            return ssl.create_default_context(cafile=None if ca_file is None else str(ca_file))
-        except (OSError, ssl.SSLError) as error:
-            raise BridgeError(f"{ca_file}: no certificates can be read from it ({error.strerror or error})") from None
-
-    def _untrusted(self, error: ssl.SSLCertVerificationError) -> BridgeError | TargetLostError:
-        said = f"{self._where}: its certificate is not accepted ({error.verify_message})"
-        if error.verify_code == NOT_YET_VALID:
-            return TargetLostError(f"{said}; is this machine's clock right?")
-        return BridgeError(f"{said}; renew it, or see host and ca_file")
 
     def _hear_welcome(self, client: paho.Client, data: object, flags: object, reason: Any, more: object) -> None:
         codes = {"Bad user name or password": 4, "Not authorized": 5}  # as paho names them of either version
@@ -139,10 +124,10 @@ class MqttTarget:
         while self._refused is None and time.monotonic() < until_s:
             if client.loop(timeout=0.05) not in (paho.MQTT_ERR_SUCCESS, paho.MQTT_ERR_CONN_REFUSED):
                 break
-        refused = -1 if self._refused is None else self._refused
-        if refused in REFUSED:
-            raise BridgeError(f"{self._where}: the broker {REFUSED[refused]}")
-        if refused != 0:
+        code = -1 if self._refused is None else self._refused
+        if code in REFUSED:
+            raise BridgeError(f"{self._where}: the broker {REFUSED[code]}")
+        if code != 0:
             raise TargetLostError(f"{self._where}: takes the connection, and is no broker that lets us in")
 
     def _has_room(self) -> bool:

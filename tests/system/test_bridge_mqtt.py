@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 from tests.builders.bridges import LEDPI, MOSQUITTO, Mqtt, bridge
+from tests.builders.certificates import certificates
 from tests.builders.made_up_daemon import MadeUpDaemon
 from tests.builders.tap import wait_until
 
@@ -21,27 +22,6 @@ pytestmark = pytest.mark.skipif(
     reason="mosquitto or openssl is not installed",
 )
 PASSWORD = "correct-horse"
-
-
-def openssl(*words: str, folder: Path) -> None:
-    subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
-
-
-def certificates(folder: Path) -> None:
-    """An authority, and a broker's certificate that it has signed; another one that has ended."""
-    new = ("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
-    # Python 3.13 and newer ask for an authority's use, and for the name of its key.
-    authority = ("-x509", "-days", "30", "-subj", "/CN=ca", "-addext", "keyUsage=critical,keyCertSign")
-    openssl(*new, *authority, "-keyout", "ca.key", "-out", "ca.pem", folder=folder)
-    extensions = "subjectAltName=DNS:localhost,IP:127.0.0.1\nauthorityKeyIdentifier=keyid\n"
-    (folder / "san").write_text(extensions, encoding="utf-8")
-    openssl(*new, "-subj", "/CN=localhost", "-keyout", "broker.key", "-out", "broker.csr", folder=folder)
-    sign = ("x509", "-req", "-in", "broker.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial")
-    openssl(*sign, "-extfile", "san", "-days", "30", "-out", "broker.pem", folder=folder)
-    openssl(*sign, "-extfile", "san", "-days", "-1", "-out", "ended.pem", folder=folder)
-    subprocess.run(
-        ["mosquitto_passwd", "-b", "-c", "users", "robot", PASSWORD], cwd=folder, check=True, capture_output=True
-    )
 
 
 class Secure(Mqtt):
@@ -68,6 +48,8 @@ def settings(broker: Mqtt, **changes: Any) -> dict[str, Any]:
 def folder(tmp_path: Path) -> Path:
     """With certificates and a password."""
     certificates(tmp_path)
+    command = ["mosquitto_passwd", "-b", "-c", "users", "robot", PASSWORD]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     (tmp_path / "password").write_text(PASSWORD + "\n", encoding="utf-8")
     (tmp_path / "password").chmod(0o600)
     return tmp_path
@@ -125,7 +107,7 @@ def refusal(values: dict[str, Any], folder: Path) -> str:
     """The last line of a bridge that ends with status 2."""
     outputs = f"outputs={json.dumps({'far': values})}"
     command = [*LEDPI, "bridge", "far", "--set", outputs, "--set", f"tap.socket={folder}/tap.sock"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     return done.stderr.splitlines()[-1]
@@ -186,7 +168,7 @@ def test_a_missing_package_is_named_with_its_extra(folder: Path) -> None:
     hidden = "import sys; sys.modules['paho'] = None; from ledpi.cli import main; main()"
     outputs = 'outputs={"far": {"kind": "mqtt", "host": "x"}}'
     command = [LEDPI[0], "-c", hidden, "bridge", "far", "--set", outputs]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
     assert done.returncode == 2
     assert "outputs.far: kind mqtt needs the package paho" in done.stderr
     assert done.stderr.rstrip().endswith("pip install 'ledpi[mqtt]'")

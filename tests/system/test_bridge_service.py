@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from tests.builders import ROOT
 from tests.builders.systemd import Unit, needs_systemd
 
 UNIT = Unit("ledpi-bridge@.service")
@@ -32,6 +34,20 @@ def test_the_service_is_closed_in(unit: Path) -> None:
     command = ["systemd-analyze", "security", "--offline=true", "--no-pager", "--threshold=25", str(unit)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-200:] + done.stderr
+
+
+@needs_systemd
+def test_the_pages_lines_make_one_of_another_camera(unit: Path) -> None:
+    """Clean, too; the last ExecStart counts."""
+    (lines,) = re.findall(r"```ini\n(.*?)```", (ROOT / "docs/outputs.md").read_text(encoding="utf-8"), re.DOTALL)
+    folder = unit.with_name(f"{unit.name}.d")
+    folder.mkdir()
+    (folder / "override.conf").write_text(lines.replace("/usr/local/bin/ledpi ", "/bin/true "), encoding="utf-8")
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", str(unit)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "--config /etc/ledpi/front.yaml" in lines
 
 
 def test_it_may_read_the_tap_and_is_never_in_the_daemons_way() -> None:

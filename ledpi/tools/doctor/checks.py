@@ -12,7 +12,7 @@ from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted, one_line
 from ledpi.markers.codewords import format_ranges
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.doctor import camera, machine, ports, running
+from ledpi.tools.doctor import camera, machine, outputs, ports, running
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
 
@@ -49,6 +49,7 @@ def examine(config: Config) -> Iterator[Finding]:
     yield from _serial(config.serial, daemon)
     if config.serial.protocol == "mavlink":
         yield _mavlink()
+    yield from _to_its_end("outputs", outputs.examine(config))
     yield machine.disk()
     yield machine.clock()
     yield machine.throttling()

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from ledpi import __version__
 from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version
+from ledpi.core.wording import one_line
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
 CALIBRATION_FOLDER = Path("/var/lib/ledpi")  # as scripts/install makes it
@@ -115,6 +116,12 @@ def throttled(said: str) -> Finding:
     if before:
         return bad("throttling", f"since the start: {', '.join(before)}", "a stronger power supply (5.1 V), or cooling")
     return ok("throttling", "never since the start")
+
+
+def answer_of(command: list[str], timeout_s: float) -> str:
+    """What it prints, or says of its failure; in one line."""
+    done = _run(command, timeout_s)
+    return one_line((done.stdout.strip() or done.stderr.strip()).partition("\n")[0])
 
 
 def _python(code: str) -> subprocess.CompletedProcess[str]:

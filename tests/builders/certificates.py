@@ -1,0 +1,29 @@
+"""Certificates of a server on this machine, made by openssl."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="not installed: openssl")
+
+
+def _openssl(*words: str, folder: Path) -> None:
+    subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
+
+
+def certificates(folder: Path) -> None:
+    """Makes an authority, ca.pem, and two server's certificates that it has signed: broker.pem, and ended.pem."""
+    new = ("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
+    # Python 3.13 and newer ask for an authority's use, and for the name of its key.
+    authority = ("-x509", "-days", "30", "-subj", "/CN=ca", "-addext", "keyUsage=critical,keyCertSign")
+    _openssl(*new, *authority, "-keyout", "ca.key", "-out", "ca.pem", folder=folder)
+    extensions = "subjectAltName=DNS:localhost,IP:127.0.0.1\nauthorityKeyIdentifier=keyid\n"
+    (folder / "san").write_text(extensions, encoding="utf-8")
+    _openssl(*new, "-subj", "/CN=localhost", "-keyout", "broker.key", "-out", "broker.csr", folder=folder)
+    sign = ("x509", "-req", "-in", "broker.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial")
+    _openssl(*sign, "-extfile", "san", "-days", "30", "-out", "broker.pem", folder=folder)
+    _openssl(*sign, "-extfile", "san", "-days", "-1", "-out", "ended.pem", folder=folder)
