@@ -6,7 +6,6 @@ Each value carries the time at which its pose was true, on NetworkTables' clock,
 from __future__ import annotations
 
 import json
-import struct
 import time
 from collections.abc import Callable
 from typing import Any
@@ -15,21 +14,11 @@ import ntcore
 
 from ledpi.bridge import photon
 from ledpi.bridge.target import Line, TargetLostError
-from ledpi.bridge.wpilib_poses import camera_link_from_tag, pose_of
+from ledpi.bridge.wpilib_values import SCHEMAS, frame_values
 from ledpi.config.outputs import OutputSettings
-from ledpi.core.records import Pose
-from ledpi.wire.message import wire_pose
 
 OPEN_S = 0.25  # that one look for the server takes; ntcore itself goes on looking
 IDENTITY = "ledpi"
-# WPILib's schemas of what is packed below, for dashboards to show it.
-SCHEMAS = {
-    "Translation3d": "double x;double y;double z",
-    "Quaternion": "double w;double x;double y;double z",
-    "Rotation3d": "Quaternion q",
-    "Pose3d": "Translation3d translation;Rotation3d rotation",
-}
-POSE3D = struct.Struct("<7d")
 
 
 class NtTarget:
@@ -62,13 +51,8 @@ class NtTarget:
 
     def send(self, frame: Line, now_ns: int) -> bool:
         self._check()
-        markers, robot = frame["markers"], frame["robot"]
-        for marker in markers:
-            if marker["position_m"] is not None and marker["alternate"] is None:
-                self._put_pose(f"panels/{marker['id']}", camera_link_from_tag(pose_of(marker)), marker, now_ns)
-        if robot is not None:
-            self._put_pose("robot", pose_of(robot), robot, now_ns)
-        self._put("ids", "IntegerArray", [marker["id"] for marker in markers], _nt_time(frame, now_ns))
+        for name, kind, value, exposed_ns in frame_values(frame):
+            self._put(name, kind, value, _nt_time(exposed_ns, now_ns))
         if self._photon_camera is not None:
             self._put_photon(frame, now_ns)
         self._instance.flush()
@@ -97,18 +81,10 @@ class NtTarget:
         if not self._instance.isConnected():
             raise TargetLostError(f"{self._where}: the connection is lost")
 
-    def _put_pose(self, name: str, pose: Pose, of: Line, now_ns: int) -> None:
-        """The deviations first, so that they are there when the pose is."""
-        at_us = _nt_time(of, now_ns)
-        wire = wire_pose(pose)
-        if wire.deviation_m is not None and wire.deviation_rad is not None:
-            self._put(f"{name}/std_devs", "DoubleArray", [*wire.deviation_m, *wire.deviation_rad], at_us)
-        self._put(f"{name}/pose", "Raw", POSE3D.pack(*wire.position_m, *wire.quaternion_wxyz), at_us)
-
     def _put_photon(self, frame: Line, now_ns: int) -> None:
         """On PhotonVision's own topics; the camera counts as connected while its heartbeat goes on."""
         offset_us, published_us = self._instance.getServerTimeOffset() or 0, int(ntcore._now())
-        captured_us = _nt_time(frame, now_ns) + offset_us
+        captured_us = _nt_time(int(frame["exposed_ns"]), now_ns) + offset_us
         table = f"/photonvision/{self._photon_camera}"
         raw = self._publisher(f"{table}/rawBytes", _publish_photon, "Raw")
         raw.set(photon.packet(frame, self._size, captured_us, published_us + offset_us), published_us)
@@ -139,6 +115,6 @@ def _publish_photon(topic: Any, options: Any) -> Any:
     return topic.publishEx(photon.TYPE, json.dumps(photon.PROPERTIES), options)
 
 
-def _nt_time(of: Line, now_ns: int) -> int:
+def _nt_time(exposed_ns: int, now_ns: int) -> int:
     """When it was exposed, in µs of this machine's NetworkTables clock; ntcore tells the server in its own."""
-    return int(ntcore._now()) - (now_ns - int(of["exposed_ns"])) // 1000
+    return int(ntcore._now()) - (now_ns - exposed_ns) // 1000

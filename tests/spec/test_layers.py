@@ -44,7 +44,7 @@ PURE = [
     "ledpi.view.metrics",
     "ledpi.ros.contents",
     "ledpi.bridge.photon",
-    "ledpi.bridge.wpilib_poses",
+    "ledpi.bridge.wpilib_values",
     "ledpi.tools.calibrate.bands",
     "ledpi.tools.calibrate.boards",
     "ledpi.tools.calibrate.camera",
@@ -66,7 +66,7 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
     *("core", "markers", "kernels", "pose", "decode", "uemura", "config", "recording", "simulate", "camera"),
-    *("pipeline", "diagnosis", "api", "wire", "tap", "runtime", "ros", "bags", "bridge", "tools", "view", "cli"),
+    *("pipeline", "diagnosis", "api", "wire", "tap", "runtime", "ros", "bridge", "bags", "tools", "view", "cli"),
 )
 
 WORKSHOP = {"ledpi.tools.calibrate", "ledpi.tools.panel", "ledpi.tools.evaluate", "scipy", "matplotlib"}
