@@ -22,8 +22,8 @@ def backup(
 ) -> None:
     """Configuration, lens, map, dictionary and udev rule → one file.
 
-    How single panels blink is in the configuration. `ledpi restore` puts all of it back, on this computer or another.
-    Only its owner can read the file, since the configuration may hold the page's token.
+    The calibration of single panels is part of the configuration. `ledpi restore` puts everything back, on this
+    computer or another. Only its owner can read the file, since the configuration may hold the page's token.
 
     Example: ledpi backup robot.ledpi
     """

@@ -18,8 +18,8 @@ def bridge(
 ) -> None:
     """Send poses to MQTT, NetworkTables, ROS 2, UDP, TCP or a pipe.
 
-    It reads the running daemon's tap, which it never slows down. Neither the daemon nor the target need be there yet;
-    both may come and go. A frame that cannot be sent at once is dropped and counted. Ends with Ctrl-C or SIGTERM.
+    It reads the running daemon's tap, and never slows the daemon down. Daemon and target may come and go at any time.
+    A frame that cannot be sent at once is dropped and counted. Ends with Ctrl-C or SIGTERM.
 
     Exit status 2: a person has to act (a wrong password, an expired certificate, a missing package).
 

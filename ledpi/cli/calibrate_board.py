@@ -32,15 +32,15 @@ class PaperName(StrEnum):
 @calibrate.command()
 def board(
     out: Path = typer.Argument(Path("board.pdf"), metavar="OUT", help="PDF to write; an older one is kept."),
-    kind: KindName = typer.Option(DEFAULT_KIND, help="charuco may be seen in part, also at the picture's rim."),
+    kind: KindName = typer.Option(DEFAULT_KIND, help="charuco may be partly out of view."),
     cols: int = typer.Option(DEFAULT_COLS, min=3, max=20, help="Inner corners along the long side."),
-    rows: int = typer.Option(DEFAULT_ROWS, min=3, max=20, help="Inner corners along the other."),
+    rows: int = typer.Option(DEFAULT_ROWS, min=3, max=20, help="Inner corners along the short side."),
     square_mm: float = typer.Option(30.0, min=1, help="Side of a square."),
     paper: PaperName = typer.Option(PaperName.A4, help="Landscape."),
 ) -> None:
     """A ChArUco board or chessboard as a PDF, true to scale. Print at 100 %, and glue onto something flat and stiff.
 
-    The ruler below the board is 100 mm long: if it is not on the print, the printer has scaled it.
+    The ruler below the board is 100 mm long. If it measures anything else on paper, the printer has scaled the page.
 
     Example: ledpi calibrate board board.pdf --kind chessboard --paper letter
     """

@@ -39,25 +39,25 @@ MIN_OTHER_BOARD_PICTURES = 3  # that show the same other board, and none the rig
 @calibrate.command()
 def camera(
     folder: Path | None = typer.Argument(
-        None, metavar="FOLDER", help="With pictures, or a recording. Default: the camera, live."
+        None, metavar="FOLDER", help="Folder of pictures, or a recording. Default: the camera, live."
     ),
     kind: KindName = typer.Option(DEFAULT_KIND, "--board", help="As `ledpi calibrate board` prints them."),
     cols: int = typer.Option(DEFAULT_COLS, min=3, max=20, help="Inner corners along the board's one side."),
     rows: int = typer.Option(DEFAULT_ROWS, min=3, max=20, help="Inner corners along the other."),
-    model: ModelName | None = typer.Option(None, "--model", help="Of the lens. Default: the one that the views need."),
+    model: ModelName | None = typer.Option(None, "--model", help="Lens model. Default: the one that the views need."),
     out: Path = typer.Option(Path("camera.yaml"), help="File to write; an older one is kept as NAME.bak-1."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
     """Views of a ChArUco board or chessboard → camera.yaml.
 
-    That is in ROS camera_info form; a picture of the views is written beside it. A configuration that names no lens
-    gets its name, unless the views are a recording's or the simulator's.
+    The file has ROS's camera_info form; a picture of the views is written beside it. If the configuration names no
+    lens, the new one is entered there, unless the views come from a recording or the simulator.
 
-    Live, it says how to hold the board next, sets exposure and gain by it, and takes each view by itself once the
-    board is at rest; Ctrl-C ends early. A recording is looked at in the same way. Pictures in a folder must be from
-    this camera, at the width and height in config.yaml: 15 or more, all over the field of view, tilted by 20° to 40° to
-    different sides. Views that contradict the others are named and left out. The squares' size does not matter.
+    Live, it says how to hold the board next, sets exposure and gain for it, and takes each view once the board is
+    still. Ctrl-C ends early. A recording is searched for views in the same way. Pictures in a folder must be from
+    this camera, at the width and height in config.yaml: 15 or more, all over the field of view, tilted by 20° to 40°
+    to different sides. Views that contradict the others are named and left out. The squares' size does not matter.
 
     Example: ledpi calibrate camera pictures --board chessboard --cols 9 --rows 6
     """

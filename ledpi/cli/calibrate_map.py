@@ -24,18 +24,18 @@ if TYPE_CHECKING:
 def map_(
     recording: Path = typer.Argument(metavar="RECORDING", help="A drive past the panels, recorded."),
     out: Path = typer.Option(Path("markers.yaml"), help="File to write; an older one is kept as NAME.bak-1."),
-    origin: int | None = typer.Option(None, help="ID of the panel that the map is laid from. Default: the lowest."),
-    position: tuple[float, float, float] = typer.Option((0, 0, 0), help="Where that one is: x y z in metres."),
-    yaw_deg: float = typer.Option(0, help="And where it faces, hanging upright: 0 along x, 90 along y."),
+    origin: int | None = typer.Option(None, help="ID of the panel at the map's origin. Default: the lowest."),
+    position: tuple[float, float, float] = typer.Option((0, 0, 0), help="Position of that panel: x y z in metres."),
+    yaw_deg: float = typer.Option(0, help="Direction that it faces: 0 along x, 90 along y."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
     """A drive past the panels → markers.yaml.
 
-    With deviations, and the map from above as a picture beside it; a configuration that names no map gets its name.
-    Drive slowly, so that each panel is seen
-    together with its neighbours, from several places. Without --position and --yaw-deg the origin panel is at 0 0 0
-    and the map's x comes out of it; what matters is that it hangs upright.
+    It holds standard deviations, too; a picture of the map from above is written beside it. If the configuration
+    names no map, the new one is entered there. Drive slowly, so that each panel is seen together with its neighbours,
+    from several places. Without --position and --yaw-deg the origin panel is at 0 0 0, and the map's x axis points
+    straight out of it. The origin panel must hang upright.
 
     Example: ledpi calibrate map drive --origin 7 --position 4 1.2 1.5 --yaw-deg 180
     """

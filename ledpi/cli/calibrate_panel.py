@@ -33,13 +33,13 @@ def panel(
 ) -> None:
     """What the panels in view really blink at → config.yaml.
 
-    It is written to panels.overrides, and an older file is kept. Camera and panel at rest, the panel at a metre or
-    so. Frequencies are sought within 15 % of what the configuration (or the recording) announces; of a panel that
-    is as announced only the day is noted. Says too where an exposure or a frame period suits these frequencies
-    badly, and which would be better.
+    The frequencies go to panels.overrides; the older file is kept. Keep camera and panel still, about a metre apart.
+    The command searches within 15 % of the configured (or recorded) frequencies. If a panel blinks as configured,
+    only the date is written. The command also says if the exposure or the frame period suits these frequencies badly,
+    and which would be better.
 
-    Of photographs, each of one blinking lamp, the frequency is told to a tenth of a percent, and nothing is
-    written: a first look at an LED and its driver.
+    With photographs, each of one blinking lamp, it prints the frequency to a tenth of a percent and writes nothing: a
+    first look at an LED and its driver.
 
     Example: ledpi calibrate panel --frames 120
     """

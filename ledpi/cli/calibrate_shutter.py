@@ -34,10 +34,9 @@ def shutter(
 ) -> None:
     """Row time and real exposure, measured with a panel.
 
-    Its frequencies must be known, as a crystal's are. Camera and panel at rest, the panel at a metre or so. Where
-    the driver misreports the row time, or cannot tell it, as of a USB camera, the measured one is written to
-    camera.row_time_us in config.yaml; what was measured is noted in camera.yaml too, if there is one. Older files
-    are kept.
+    The panel's frequencies must be exact, as from a crystal. Keep camera and panel still, about a metre apart. If the
+    driver misreports the row time, or does not know it (USB cameras), the measured one goes to camera.row_time_us in
+    config.yaml. camera.yaml, if there is one, also gets what was measured. Older files are kept.
 
     Example: ledpi calibrate shutter --set panels.black_hz=1250 --set panels.white_hz=2450
     """

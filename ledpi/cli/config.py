@@ -30,15 +30,14 @@ app.add_typer(config_app)
 @config_app.command()
 def init(
     out: Path = typer.Argument(Path("config.yaml"), metavar="FILE", help="File to write. It must not exist."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Changes a key of what is written."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Changes a key in the file."),
     files: Path | None = typer.Option(
         None, "--files", metavar="FOLDER", help="New folder for the examples, the service and the udev rule."
     ),
 ) -> None:
     """Write a commented config.yaml with every key and its default.
 
-    --set changes values of it. --files also copies what belongs to ledpi and is no program: examples, the service's
-    units, and the udev rule.
+    --set changes values. --files also copies the examples, the service's units and the udev rule.
 
     Example: ledpi config init --set panels.side_m=0.16
     """
@@ -75,7 +74,7 @@ def show(
 ) -> None:
     """Each key with its value, and where that comes from.
 
-    That is the file, --set, or the default. A token is not shown.
+    A value comes from the file, --set or the default. Tokens are not shown.
 
     Example: ledpi config show --config /etc/ledpi/config.yaml
     """
@@ -98,7 +97,7 @@ def check(
     config: Path | None = _CONFIG,
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """All mistakes at once.
+    """List all mistakes of a configuration at once.
 
     Wrong keys and values, and mistakes in the lens and the map that the file names. Exit status 2 if there are any.
     `ledpi doctor` also looks at the machine and the camera.

@@ -36,21 +36,22 @@ def decode(
     paths: list[Path] = typer.Argument(metavar="PATH…", help="Recordings, folders that hold some, or pictures."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
-    single_frame: bool = typer.Option(False, "--single-frame", help="Each frame alone, no memory of those before."),
-    as_live: bool = typer.Option(False, "--as-live", help="As it was live: the same frames and budgets."),
+    single_frame: bool = typer.Option(
+        False, "--single-frame", help="Decode each frame by itself, without memory of earlier ones."
+    ),
+    as_live: bool = typer.Option(False, "--as-live", help="Repeat the live results: same frames, same search budgets."),
     method: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura."),
     steps: Path | None = typer.Option(
-        None, "--steps", metavar="DIR", help="Also draw the method's steps: a picture a frame, DIR/NNNNNN.png."
+        None, "--steps", metavar="DIR", help="Also draw how each frame was read, as DIR/NNNNNN.png."
     ),
 ) -> None:
     """Recordings or pictures → one JSON object a frame.
 
-    They go to standard output, a line each. A recording, and a picture that the live page has saved, bring their own
-    camera and panel values. Only --set overrides them, for example after measuring the panel again. For other pictures
-    they come from the configuration. A line's "recording" is the folder's name, or its path below the folder that was
-    given; recordings that share a name are told apart by their whole paths. A picture that cannot be read is named
-    on standard error, the others are still decoded, and the exit status is 2. Where there are several recordings,
-    --steps gives each a folder of its name.
+    Each object is one line on standard output. Recordings, and pictures saved by the live page, bring their own
+    camera and panel values. Only --set overrides them, for example after measuring the panel again. Other pictures
+    take these values from the configuration. A line's "recording" is the folder's name, or its path below the given
+    folder; if two share a name, it is the whole path. A picture that cannot be read is named on standard error; the
+    others are decoded, and the exit status is 2. With several recordings, --steps makes a folder for each.
 
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """

@@ -29,7 +29,7 @@ def doctor(
     """One page of ✓ and ✗, each ✗ with what to do.
 
     · means: could not be checked, or may be fine. It also looks for panels, and says why one is not read. If a daemon
-    runs here and has the camera, it asks the daemon; else the camera must be free. Exit status 0 if `ledpi run` would
+    here has the camera, the daemon is asked; otherwise the camera must be free. Exit status 0 if `ledpi run` would
     run with this configuration, else 1.
 
     Example: ledpi doctor --config /etc/ledpi/config.yaml

@@ -63,40 +63,44 @@ def _method(name: str) -> MethodName:
 @app.command()
 def evaluate(
     out: Path = typer.Option(
-        Path("evaluation"), "--out", metavar="DIR", help="Folder of the results. An interrupted run in it resumes."
+        Path("evaluation"), "--out", metavar="DIR", help="Folder for the results. An interrupted run there resumes."
     ),
     suite: list[SuiteName] = typer.Option([], help="May be repeated. Default: paper and beyond."),
     frames: int | None = typer.Option(
-        None, min=1, help="Of each condition: takes that are judged; of decoys, frames. Default: 300; of wild, 400."
+        None, min=1, help="Takes for each condition (decoys: frames). Default: 300; wild: 400."
     ),
-    seed: int = typer.Option(1, min=0, help="Decides all that is random: the same seed, the same results."),
+    seed: int = typer.Option(1, min=0, help="Seed of all that is random: the same seed gives the same results."),
     exposure_us: list[float] = typer.Option(
         [], min=1, help="May be repeated. Default: 10000 and 150; robustness: 10000."
     ),
     transfer: list[TransferName] = typer.Option([TransferName.SRGB], help="May be repeated."),
-    distance: list[float] = typer.Option([], min=0.05, max=1000, help="In place of the suite's own, in metres."),
-    angle: list[float] = typer.Option([], min=-88, max=88, help="In place of the suite's own, in degrees."),
+    distance: list[float] = typer.Option(
+        [], min=0.05, max=1000, help="Distances in metres, instead of the suite's own."
+    ),
+    angle: list[float] = typer.Option([], min=-88, max=88, help="Angles in degrees, instead of the suite's own."),
     case: list[str] = typer.Option([], help="Only this case of robustness, decoys or wild; may be repeated."),
-    roll: bool = typer.Option(False, "--roll", help="Panels turned by any angle; default: within 3°."),
+    roll: bool = typer.Option(False, "--roll", help="Roll panels by any angle. Default: within 3°."),
     method: list[MethodName] = typer.Option(
         [],
         parser=_method,
         metavar=_METHODS,
         help="May be repeated. Default: all that the suite is for.",
     ),
-    workers: int = typer.Option(0, min=0, help="Processes; default: one a core. Changes no result but the times."),
-    scheduler: str | None = typer.Option(None, metavar="ADDRESS", help="A dask.distributed cluster does the work."),
+    workers: int = typer.Option(0, min=0, help="Processes. Default: one for each core. Only the times depend on it."),
+    scheduler: str | None = typer.Option(None, metavar="ADDRESS", help="Run on this dask.distributed cluster."),
     take: int | None = typer.Option(None, min=0, help="Write this take of one condition to DIR, as a recording."),
     keep: Path | None = typer.Option(None, metavar="DIR", help="Write all takes of wild to DIR, as recordings."),
     recording: Path | None = typer.Option(None, metavar="DIR", help="Read these frames of a real panel instead."),
     id_: int | None = typer.Option(None, "--id", min=0, help="With --recording: the panel's ID."),
-    config: Path | None = typer.Option(None, "--config", help="Its panels, in place of the paper's of 16 cm."),
+    config: Path | None = typer.Option(
+        None, "--config", help="Take the panels from this file. Default: the paper's, 16 cm."
+    ),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
     """How often and how exactly panels are read; false IDs on decoys.
 
-    Frames are rendered, with a seed; or they are those of a recording, whose panel's distance and angle are
-    given. Results go to DIR: results.csv, evaluation.md, plots. An interrupted run resumes.
+    Frames are rendered from a seed, or come from a recording whose panel's distance and angle you give. Results go to
+    DIR: results.csv, evaluation.md, plots. An interrupted run resumes.
 
     Example: ledpi evaluate --out far --suite beyond --frames 300 --method likelihood --method stream
 

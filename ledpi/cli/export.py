@@ -20,9 +20,9 @@ def export(
 ) -> None:
     """A recording as an MCAP bag, with what was read and where.
 
-    ROS 2 messages with their types: pictures, lens, poses with covariance, TF, detections. `ros2 bag play`, Foxglove
-    and PlotJuggler open it. `ledpi import` makes the same recording of it again. With --wpilog it is a log of what
-    the NetworkTables bridge would have published.
+    The bag holds ROS 2 messages with their types: pictures, lens, poses with covariance, TF, detections. `ros2 bag
+    play`, Foxglove and PlotJuggler open it. `ledpi import` turns it back into the same recording. With --wpilog the
+    file is a log of what the NetworkTables bridge would have published.
 
     Example: ledpi export takes/kitchen kitchen.mcap
     """

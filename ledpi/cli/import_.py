@@ -15,15 +15,15 @@ VIDEOS = {".mp4", ".mkv", ".avi", ".mov", ".webm"}
 def import_(
     path: Path = typer.Argument(metavar="BAG", help="An .mcap file, a ROS bag, or a video."),
     out: Path = typer.Argument(metavar="OUT", help="Folder for the recording: new, or empty."),
-    topic: str | None = typer.Option(None, "--topic", help="Of the pictures, where a bag has several."),
+    topic: str | None = typer.Option(None, "--topic", help="Topic of the pictures, if the bag has several."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
     """A bag or a video as a recording, for `ledpi decode`.
 
-    A bag of `ledpi export` or `ledpi record OUT.mcap` gives the recording as it was. Any other must hold 8-bit grey
-    pictures; row time, exposure, tone and panels come from the configuration. Compression of a video takes much of the
-    bands away.
+    A bag from `ledpi export` or `ledpi record OUT.mcap` becomes the recording that it was. Other bags must hold 8-bit
+    grey pictures; row time, exposure, tone and panels then come from the configuration. Video compression removes
+    much of the bands.
 
     Example: ledpi import kitchen.mcap takes/kitchen
     """

@@ -30,7 +30,7 @@ def import_(
 ) -> None:
     """WPILib's AprilTag field layout, or Limelight's → markers.yaml.
 
-    WPILib's origin is a corner of the field and its layout holds no sizes; Limelight's is the field's middle.
+    WPILib's origin is a corner of the field, Limelight's is the middle. WPILib's layout holds no sizes.
 
     Example: ledpi map import 2024-crescendo.json markers.yaml
     """
@@ -47,11 +47,13 @@ def import_(
 def export(
     markers: Path = typer.Argument(metavar="MAP", help="The map, as in markers.yaml."),
     out: Path = typer.Argument(Path("layout.json"), metavar="OUT", help=_OUT),
-    field: tuple[float, float] = typer.Option((16.54, 8.21), metavar="LENGTH WIDTH", help="Of the field, in metres."),
+    field: tuple[float, float] = typer.Option(
+        (16.54, 8.21), metavar="LENGTH WIDTH", help="Size of the field, in metres."
+    ),
 ) -> None:
     """markers.yaml → WPILib's AprilTag field layout.
 
-    PhotonVision and robot code read it. Sizes are not in it.
+    PhotonVision and robot code read it. The layout holds no panel sizes.
 
     Example: ledpi map export markers.yaml layout.json --field 12 8
     """

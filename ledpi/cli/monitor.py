@@ -35,18 +35,18 @@ def monitor(
         str | None,
         typer.Argument(metavar="PORT", help="Serial port or pty that carries the stream. Default: the running daemon."),
     ] = None,
-    baud: Annotated[int, typer.Option(min=1200, help="As serial.baud of the sender.")] = 115200,
+    baud: Annotated[int, typer.Option(min=1200, help="The sender's serial.baud.")] = 115200,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a message.")] = False,
     seconds: Annotated[float | None, typer.Option(min=0, help="Stop after this time.")] = None,
     tap: Annotated[str, typer.Option(metavar="SOCKET", help="Without PORT: the daemon's tap.socket.")] = "auto",
 ) -> None:
     """Watch the running daemon, or print the serial stream.
 
-    Without PORT it shows, as a table that stays up to date, which panels the daemon sees, the fix, and its health; into
-    a pipe or a file, a line a second. With --json it prints the lines of its tap. It waits for a daemon that is started
-    anew. With PORT it prints what a motor controller reads, and at the end how many packets were lost or bad. Ends with
-    Ctrl-C, after --seconds, or when the port's other end hangs up. Exit status 2 if no daemon answers, or if the port
-    cannot be opened, or carries MAVLink, which autopilots' own tools show.
+    Without PORT it shows a table that stays up to date: the panels that the daemon sees, the fix, and the daemon's
+    health. Into a pipe or a file it prints one line a second, with --json the lines of the tap. If the daemon
+    restarts, it follows the new one. With PORT it prints what a motor controller reads, and at the end how many
+    packets were lost or bad. Ends with Ctrl-C, after --seconds, or when the port's other end hangs up. Exit status 2
+    if no daemon answers, the port cannot be opened, or it carries MAVLink (use the autopilot's own tools).
 
     Example: ledpi monitor
     """

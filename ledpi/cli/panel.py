@@ -7,7 +7,7 @@ import typer
 from ledpi.cli import app
 
 panel = typer.Typer(
-    help="Designs and builds the panels.\n\nExample: ledpi panel sheet 7 --out sheet",
+    help="Design and build panels.\n\nExample: ledpi panel sheet 7 --out sheet",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

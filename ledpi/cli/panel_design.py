@@ -30,31 +30,36 @@ _DISTANCE_SHARES = (0.048, 0.08, 0.11, 0.16, 0.24, 0.4, 0.64, 0.95)
 @panel.command()
 def design(
     check: tuple[float, float] | None = typer.Option(None, metavar="BLACK WHITE", help="Judge this pair, in Hz."),
-    exposure_us: float | None = typer.Option(None, min=1, help="Default: camera.exposure_us; in whole rows."),
-    row_time_us: float | None = typer.Option(None, min=1, help="Default: camera.row_time_us; auto: an OV5647's 33.67."),
-    fps: float | None = typer.Option(None, min=1, help="Of the camera. Default: by camera.frame_duration_us."),
+    exposure_us: float | None = typer.Option(None, min=1, help="Exposure, in whole rows. Default: camera.exposure_us."),
+    row_time_us: float | None = typer.Option(
+        None, min=1, help="Default: camera.row_time_us; for auto 33.67, an OV5647's."
+    ),
+    fps: float | None = typer.Option(None, min=1, help="Frames a second. Default: from camera.frame_duration_us."),
     side: float | None = typer.Option(None, min=0.01, max=10, metavar="M", help="Default: panels.side_m."),
     distance: list[float] = typer.Option(
-        [], min=0.05, max=1000, metavar="M", help="May be repeated. Default: near to farthest."
+        [], min=0.05, max=1000, metavar="M", help="Distance to judge. May be repeated. Default: near to farthest."
     ),
-    tolerance_ppm: float = typer.Option(100, min=0, max=200_000, help="Of the oscillators: a crystal's is 100."),
+    tolerance_ppm: float = typer.Option(
+        100, min=0, max=200_000, help="Tolerance of the oscillators; a crystal's is 100."
+    ),
     own_light: float = typer.Option(
         1.0,
         min=0.01,
         max=1,
         metavar="SHARE",
-        help="In the panel's light; the rest is the room's, reflected by the diffuser.",
+        help="Share of the panel's own light. The rest is room light that it reflects.",
     ),
     flicker: Flicker = typer.Option(Flicker.LOW_RISK, help="IEEE 1789's class: from 1250 Hz, or from 3000 Hz."),
     out: Path | None = typer.Option(None, metavar="FOLDER", help="Writes panel.yaml, antiphase.yaml and plots there."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Ranks pairs of frequencies by what they tell the decoder.
+    """Rank pairs of frequencies by how well panels are read.
 
-    Each has a frame period with it. Shows the best five beside the configuration's own, how far each is read, and
-    the lines for config.yaml. With --check judges one pair instead: exit status 1, and the reasons, where it cannot
-    be used.
+
+    Each pair comes with a frame period. The table has the best five and the configured pair, and how far each is
+    read; below are the lines for config.yaml. --check judges one pair instead. Exit status 1, with the reasons, if
+    that pair cannot be used.
 
     Example: ledpi panel design --side 0.3 --distance 2 --distance 10 --out design
 

@@ -35,16 +35,17 @@ def firmware(
         None, help="antiphase: both classes at one frequency, which --black or --white gives. Default: panels.phase."
     ),
     build: Build = typer.Option(
-        Build.TWO_OUTPUTS, help="two-outputs: one for each class. sixteen-cells: one a cell, ID over serial."
+        Build.TWO_OUTPUTS, help="two-outputs: one pin for each class. sixteen-cells: one for each cell, ID over serial."
     ),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """A panel driver's program, for an Arduino Uno or Nano.
+    """Write a panel driver's program, for an Arduino Uno or Nano.
 
-    Sources for its ATmega328P, and the .hex where avr-gcc is installed. Dictionary and exposure are the
-    configuration's. A frequency that the timer cannot make to 100 ppm is refused, and so is one whose bands the
-    exposure would average away.
+
+    The folder gets the sources and, if avr-gcc is installed, the .hex. Dictionary and exposure come from the
+    configuration. A frequency is refused if the timer cannot make it to 100 ppm, or if the exposure would average its
+    bands away.
 
     Example: ledpi panel firmware --id 7 --black 1250 --white 2450 --out panel7
 

@@ -27,21 +27,24 @@ def sheet(
     direct: bool = typer.Option(
         False, "--direct", help="One LED a cell, straight from the sixteen pins of an Uno: no MOSFETs, no supply."
     ),
-    supply: float | None = typer.Option(None, min=1, metavar="V", help="Of the LEDs. Default: 12."),
-    leds: int | None = typer.Option(None, help="In series in each cell. Default: what the supply carries, 4 at most."),
+    supply: float | None = typer.Option(None, min=1, metavar="V", help="Supply of the LEDs. Default: 12."),
+    leds: int | None = typer.Option(
+        None, help="LEDs in series in each cell. Default: as many as the supply carries, 4 at most."
+    ),
     led_voltage: float = typer.Option(3.2, min=1, max=60, metavar="V", help="Forward voltage of one LED."),
     led_ma: float | None = typer.Option(
-        None, min=0.1, max=3000, metavar="MA", help="Current while it is on. Default: 20; with --direct 7.5."
+        None, min=0.1, max=3000, metavar="MA", help="LED current while on. Default: 20; with --direct 7.5."
     ),
     side: float | None = typer.Option(None, min=0.01, max=10, metavar="M", help="Default: panels.side_m."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Wiring and build sheets, true to scale.
+    """Draw wiring and build sheets, true to scale.
 
-    Classes from both sides, circuit, parts, and the panel at 1 : 1, on several pages where one is too small. Front,
-    back and walls also as DXF for a laser cutter, and the walls as STL for a 3D printer, all in millimetres.
-    Dictionary, size and frequencies are the configuration's.
+
+    The sheet has the classes from both sides, the circuit, the parts, and the panel at 1 : 1, on several pages if one
+    is too small. Front, back and walls are also written as DXF for a laser cutter, and the walls as STL for a 3D
+    printer, all in millimetres. Dictionary, size and frequencies come from the configuration.
 
     Example: ledpi panel sheet 7 23 --out sheets --supply 12 --led-ma 15
 

@@ -27,18 +27,20 @@ TICK_S = 0.1
 @app.command()
 def record(
     out: Path = typer.Argument(metavar="OUT", help="Folder for the recording, or a bag OUT.mcap: new."),
-    seconds: float = typer.Option(10.0, "--seconds", min=0.1, max=86400, help="Ends after so long."),
-    frames: int | None = typer.Option(None, "--frames", min=1, help="Ends after so many frames, if that is sooner."),
-    max_mb: float = typer.Option(2000.0, "--max-mb", min=1.0, help="Ends before the pictures take more than this."),
+    seconds: float = typer.Option(10.0, "--seconds", min=0.1, max=86400, help="Stop after this time."),
+    frames: int | None = typer.Option(
+        None, "--frames", min=1, help="Stop after this many frames, if that comes first."
+    ),
+    max_mb: float = typer.Option(2000.0, "--max-mb", min=1.0, help="Stop before the pictures take more than this."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
     """Record the camera at its full rate, and decode live meanwhile.
 
-    The recording holds all that `ledpi decode` needs. OUT.mcap is a bag of ROS 2 messages, which `ledpi import` makes a
-    recording of. What was decoded live is in OUT/live.jsonl; `ledpi decode
-    --as-live OUT` gives the same again. Ctrl-C ends it early; what was recorded until then is whole, also where the
-    disk was full. A frame takes some 170 kB.
+    The recording holds all that `ledpi decode` needs. OUT.mcap is a bag of ROS 2 messages, which `ledpi import` makes
+    a recording of. What was decoded live is in OUT/live.jsonl; `ledpi decode --as-live OUT` gives the same again.
+    Ctrl-C ends it early. What was recorded until then is complete, even if the disk fills up. A frame takes some 170
+    kB.
 
     Example: ledpi record takes/kitchen --seconds 30
     """

@@ -14,7 +14,7 @@ PATIENCE_S = 600.0  # ten seconds of frames are written in ten to thirty, and ot
 @app.command()
 def rewind(
     out: Path | None = typer.Argument(
-        None, metavar="[OUT]", help="Folder for a copy: new, or empty. Default: only where the daemon writes."
+        None, metavar="[OUT]", help="Folder for a copy: new, or empty. Default: no copy."
     ),
     tap: str = typer.Option("auto", "--tap", metavar="SOCKET", help="The daemon's tap.socket."),
 ) -> None:

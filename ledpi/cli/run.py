@@ -17,14 +17,18 @@ from ledpi.cli import app
 def run(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
-    unpaced: bool = typer.Option(False, "--unpaced", help="Replays and the simulator: as fast as they decode."),
-    frames: int | None = typer.Option(None, "--frames", min=1, help="Replays and the simulator: end after so many."),
+    unpaced: bool = typer.Option(
+        False, "--unpaced", help="Replay and simulator only: run as fast as frames are decoded."
+    ),
+    frames: int | None = typer.Option(
+        None, "--frames", min=1, help="Replay and simulator only: stop after this many frames."
+    ),
 ) -> None:
     """The daemon: camera to serial line, until Ctrl-C or SIGTERM.
 
-    It decodes the camera's frames and streams IDs and poses to the serial port, which need not be there yet.
-    Each second one line on standard error says how it goes; as a service, each minute. SIGHUP reads the
-    configuration again; where it is bad, the old one stays. SIGUSR1 saves the last seconds as a recording.
+    It decodes the camera's frames and streams IDs and poses to the serial port, which need not be there yet. It
+    prints a status line on standard error every second, as a service every minute. SIGHUP reads the configuration
+    again; if that is wrong, the old one stays in force. SIGUSR1 saves the last seconds as a recording.
 
     Exit status 0: ended by a signal, or at the end of a replay. 2: the configuration or a file is wrong. 1: the camera
     is absent, in use or lost, or something failed later; a service manager tries again.

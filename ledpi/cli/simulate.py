@@ -42,20 +42,24 @@ def simulate(
     out: Path = typer.Argument(metavar="OUT", help="Folder for the recording: new, or empty."),
     frames: int = typer.Option(60, min=1, help="Frames to render."),
     scene: SceneName | None = typer.Option(
-        None, help="drive: a robot driving past panels 7 and 23. board: a ChArUco board, held this way and that."
+        None, help="drive: a robot driving past panels 7 and 23. board: a ChArUco board, held at different angles."
     ),
-    distance: float | None = typer.Option(None, min=0.05, max=1000, help="Of still panels, in metres. Default: 1."),
-    angle: float | None = typer.Option(None, min=-88, max=88, help="Their yaw, in degrees. Default: 0."),
-    id_: list[int] = typer.Option([], "--id", help="ID of a still panel; may be repeated, side by side. Default: 7."),
+    distance: float | None = typer.Option(
+        None, min=0.05, max=1000, help="Distance of still panels, in metres. Default: 1."
+    ),
+    angle: float | None = typer.Option(None, min=-88, max=88, help="Yaw of still panels, in degrees. Default: 0."),
+    id_: list[int] = typer.Option(
+        [], "--id", help="ID of a still panel. Repeat it for panels side by side. Default: 7."
+    ),
     exposure_us: float | None = typer.Option(None, help="Overrides camera.exposure_us; whole rows, rounded down."),
     transfer: TransferName | None = typer.Option(None, help="Overrides camera.transfer."),
-    seed: int = typer.Option(0, min=0, help="Decides noise and phases: the same seed, the same recording."),
+    seed: int = typer.Option(0, min=0, help="Seed of noise and phases: the same seed gives the same recording."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
     """Simulated panels → a recording, with truth.jsonl.
 
-    Camera and panels are the configuration's; without one, panels of 16 cm.
+    Camera and panels come from the configuration. Without one, panels are 16 cm wide.
 
     Example: ledpi simulate take --distance 2 --angle 30 --id 7 --frames 100 --exposure-us 150
     """

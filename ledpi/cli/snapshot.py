@@ -37,24 +37,26 @@ class _Source(NamedTuple):
 @app.command()
 def snapshot(
     path: Path | None = typer.Argument(
-        None, metavar="PATH", help="A recording or a picture. Default: the running daemon's, else the camera's."
+        None,
+        metavar="PATH",
+        help="A recording or a picture. Default: a frame of the running daemon, else of the camera.",
     ),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
     frame: int | None = typer.Option(
-        None, "--frame", min=0, metavar="SEQ", help="Of a recording: this frame. Of a camera: the first from this on."
+        None, "--frame", min=0, metavar="SEQ", help="Frame of a recording; with a camera, the first frame to use."
     ),
     out: Path = typer.Option(Path("snapshot.png"), "--out", help="Picture to write, .png or .jpg."),
     method: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura."),
-    steps: bool = typer.Option(False, "--steps", help="Draw the method's steps, one by one, instead."),
+    steps: bool = typer.Option(False, "--steps", help="Draw the steps of the method instead."),
 ) -> None:
     """One frame as an annotated picture.
 
-    It shows the bands, amplified, the cells, the poses, and why a panel is not read.
-    The frame is decoded alone, without memory of those before; without --frame, a camera's first that shows a panel,
-    if one of half a second does. Standard output says what was read, and from where; and, for each panel that was not
-    read, what is wrong with it and what helps. A daemon that runs here has the camera: its frame is taken, and its
-    settings hold. --frame, another --config, or a --set of the section `camera` asks for the camera.
+    It shows the amplified bands, the cells, the poses, and why a panel is not read. The frame is decoded by itself,
+    without memory of earlier ones. Without --frame, it is the camera's first in half a second that shows a panel.
+    Standard output says what was read, and where the frame came from. For each panel that was not read, it says what
+    is wrong and what helps. If a daemon runs here, its frame and its settings are used. --frame, another --config, or
+    a --set of the section `camera` uses the camera itself.
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
     """

@@ -26,9 +26,10 @@ def view(
 ) -> None:
     """A web page of what the running daemon sees.
 
-    Picture with overlay, panels, map, focus, health; why a panel is not read. The daemon need not run yet, and may be
-    started anew. By default the page is for this machine alone; `view.listen` opens it to the network. Standard output
-    gets one line: the address to open, with the token that the page needs. Ends with Ctrl-C or SIGTERM.
+    It shows the picture with overlay, panels, map, focus, health, recordings, and why a panel is not read. The daemon
+    need not run yet, and may restart. By default only this machine can open the page; `view.listen` opens it to the
+    network. The command prints one line: the address to open, with the token that the page needs. Ends with Ctrl-C or
+    SIGTERM.
 
     Example: ledpi view --set view.listen=0.0.0.0:8088
     """

@@ -134,4 +134,4 @@ def plausible(lens: Intrinsics, path: Path) -> Finding:
         return bad("intrinsics", f"{said}; {note}", "`ledpi calibrate camera`, with views all over the picture")
     if is_lens and is_square and is_central:
         return ok("intrinsics", said)
-    return bad("intrinsics", f"{said}: no such lens", "calibrate again, with views that fill the picture")
+    return bad("intrinsics", f"{said}: no lens is like that", "calibrate again, with views that fill the picture")

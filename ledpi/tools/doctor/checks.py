@@ -24,7 +24,7 @@ def configuration(file: Path | None, *, asked_for: bool) -> Finding:
     if asked_for or not service.is_file() or file.samefile(service):
         return ok("configuration", str(file))
     said = f"{file} of this folder; the service reads {service}"
-    remedy = f"if that is the one you mean: go elsewhere, or --config {service}"
+    remedy = f"to use the service's: leave this folder, or give --config {service}"
     return Finding(name="configuration", state="unknown", said=said, remedy=remedy)
 
 
@@ -75,7 +75,7 @@ def _camera(config: Config) -> Iterator[Finding]:
 def _panel_ids(panels: PanelSettings) -> Finding:
     """Which are reported; those that have an override should be."""
     if note := panels.unreported_note(panels.overrides):
-        return bad("panel IDs", f"panels.overrides: {note}", "list every panel that there is in panels.ids")
+        return bad("panel IDs", f"panels.overrides: {note}", "list all your panels in panels.ids")
     if panels.ids is not None:
         listed = f"panels.ids: {format_ranges(sorted(panels.ids))}"
         return ok("panel IDs", "; ".join(filter(None, (listed, panels.reflection_note()))))

@@ -149,7 +149,7 @@ def shared(port: str, but: int | None) -> Finding | None:
     if not others:
         return None
     named = "; ".join(described(pid) for pid in sorted(others))
-    return bad("other programs", f"have {port} open: {named}", "what they write there disturbs the stream")
+    return bad("other programs", f"have {port} open: {named}", "end them: what they write there disturbs the stream")
 
 
 def _text(path: Path) -> str:

@@ -47,7 +47,7 @@ def connected(config: Config) -> Client | None:
 
 def examine(tap: Client, config: Config) -> Iterator[Finding]:
     """The daemon, whether it runs with this configuration, and the panels before its camera."""
-    yield ok("daemon", f"runs (pid {tap.hello.get('pid')}), and has the camera: it was asked")
+    yield ok("daemon", f"runs (pid {tap.hello.get('pid')}) and has the camera, so it was asked")
     try:
         yield from other_settings(tap.ask("config")["values"], config)
         health = _health(tap)
@@ -66,7 +66,7 @@ def other_settings(of_daemon: dict[str, Any], config: Config) -> list[Finding]:
         return []
     said = ", ".join(f"{key} {_value(of_daemon[key])}, not {_value(here[key])}" for key in other[:MOST_NAMED])
     more = f" (and {len(other) - MOST_NAMED} more)" if len(other) > MOST_NAMED else ""
-    remedy = "where this configuration is right: `sudo systemctl reload ledpi`, or start the daemon anew with it"
+    remedy = "to use this configuration: `sudo systemctl reload ledpi`, or restart the daemon with it"
     return [bad("settings", f"the daemon runs with {said}{more}", remedy)]
 
 
@@ -104,7 +104,7 @@ def checks(hello: dict[str, Any], health: dict[str, Any]) -> list[Finding]:
 def _camera(health: dict[str, Any]) -> Finding:
     state = health["state"].replace("_", " ")
     if health["state"] == "camera_lost":
-        return bad("camera", "is lost; the daemon opens it again", "check its cable and supply")
+        return bad("camera", "is lost; the daemon tries to open it again", "check its cable and supply")
     if health.get("no_fix") == "behind":
         return bad("frames", "come faster than they are decoded", "end other programs, or set a longer frame period")
     return ok("camera", f"{state}, {health.get('frames_per_s') or 0:.0f} frames/s")
