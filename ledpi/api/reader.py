@@ -8,6 +8,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+from ledpi.api.drawn import drawn
 from ledpi.api.exposed import Decoder, Exposure, Panels, Read, check_exposure, override
 from ledpi.api.fix import Fix
 from ledpi.api.lens import Lens
@@ -113,6 +114,13 @@ class Reader:
         with self._guard:
             picture = checked_picture(image)
             return self._decoder_of(picture, row_time_us, exposure_us).why_not(picture)
+
+    def draw(self, image: Image, markers: Sequence[Marker]) -> Pixels:
+        """The picture in colour (blue, green, red), with cells, axes and ID of each of its markers.
+
+        `markers` are those that `read` gave for this picture. Raises PictureError as `read` does.
+        """
+        return drawn(self._panels, checked_picture(image), markers)
 
     def _decoder_of(self, picture: Pixels, row_time_us: float, exposure_us: float) -> Decoder:
         kind = (picture.shape, row_time_us, exposure_us)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Sequence
 
+from ledpi.api.drawn import drawn
 from ledpi.api.exposed import Decoder, Exposure, Panels, Read
 from ledpi.api.fix import Fix
 from ledpi.api.marker import Marker
 from ledpi.api.picture import Image, OneAtATime, checked_picture
 from ledpi.core.errors import PictureError
+from ledpi.core.records import Pixels
 from ledpi.core.wording import shortened
 
 
@@ -47,6 +50,10 @@ class Stream:
         """
         with self._guard:
             return self._next(image, time_ns)
+
+    def draw(self, image: Image, markers: Sequence[Marker]) -> Pixels:
+        """The picture in colour, with its markers, as `Reader.draw` gives it."""
+        return drawn(self._panels, checked_picture(image), markers)
 
     def _next(self, image: Image, time_ns: int) -> list[Marker]:
         picture = checked_picture(image)

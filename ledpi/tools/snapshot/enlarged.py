@@ -11,9 +11,7 @@ from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats, Frame, MarkerPose, Pixels, Quad, Rejected
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.diagnosis.diagnose import Diagnosis
-from ledpi.markers.codewords import Bits
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.snapshot.drawing import (
+from ledpi.diagnosis.drawing import (
     BACKGROUND,
     CELL_SHARE,
     DIM,
@@ -25,6 +23,8 @@ from ledpi.tools.snapshot.drawing import (
     text,
     text_size,
 )
+from ledpi.markers.codewords import Bits
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.snapshot.record import Snapshot
 
 TILE, GAP = 180, 15

@@ -10,9 +10,7 @@ import numpy as np
 
 from ledpi.core.records import Pixels
 from ledpi.diagnosis.diagnose import Diagnosis
-from ledpi.diagnosis.why_not import Why
-from ledpi.tools.snapshot import enlarged
-from ledpi.tools.snapshot.drawing import (
+from ledpi.diagnosis.drawing import (
     BACKGROUND,
     BLACK_CLASS,
     DIM,
@@ -24,6 +22,8 @@ from ledpi.tools.snapshot.drawing import (
     text,
     text_size,
 )
+from ledpi.diagnosis.why_not import Why
+from ledpi.tools.snapshot import enlarged
 from ledpi.tools.snapshot.overlay import draw_reading
 from ledpi.tools.snapshot.record import Snapshot
 

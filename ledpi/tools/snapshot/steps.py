@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ledpi.core.records import Pixels
-from ledpi.tools.snapshot.drawing import BACKGROUND, DIM, text
+from ledpi.diagnosis.drawing import BACKGROUND, DIM, text
 from ledpi.tools.snapshot.page import BORDER, PICTURES_TOP, WIDTH, draw_heading
 from ledpi.tools.snapshot.record import Snapshot
 from ledpi.tools.snapshot.steps_likelihood import likelihood_rows

@@ -11,10 +11,7 @@ from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
-from ledpi.markers.codewords import Bits
-from ledpi.pipeline.each_cell import class_alone, class_given_others
-from ledpi.pipeline.trace import SquareTrace
-from ledpi.tools.snapshot.drawing import (
+from ledpi.diagnosis.drawing import (
     BACKGROUND,
     BLACK_CLASS,
     CELL_SHARE,
@@ -26,6 +23,9 @@ from ledpi.tools.snapshot.drawing import (
     text,
     text_size,
 )
+from ledpi.markers.codewords import Bits
+from ledpi.pipeline.each_cell import class_alone, class_given_others
+from ledpi.pipeline.trace import SquareTrace
 from ledpi.tools.snapshot.enlarged import bands_tile, blank, cells_tile
 from ledpi.tools.snapshot.record import Snapshot
 from ledpi.tools.snapshot.tiles import Row, Tile, tile_width, view_of

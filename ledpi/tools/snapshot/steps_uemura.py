@@ -7,7 +7,7 @@ import numpy as np
 
 from ledpi.core.geometry import unit_square_homography
 from ledpi.core.records import Detection, Pixels, Rejected
-from ledpi.tools.snapshot.drawing import BACKGROUND, BLACK_CLASS, DIM, DROPPED, TEXT, WHITE_CLASS, Canvas, outline, text
+from ledpi.diagnosis.drawing import BACKGROUND, BLACK_CLASS, DIM, DROPPED, TEXT, WHITE_CLASS, Canvas, outline, text
 from ledpi.tools.snapshot.record import Snapshot
 from ledpi.tools.snapshot.tiles import Row, Tile, View, tile_width, view_of
 from ledpi.uemura.reader import BLACK_BAND, CELL_PX, WHITE_BAND, Square, Steps, local_mean

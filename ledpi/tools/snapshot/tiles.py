@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.records import Floats, Pixels
-from ledpi.tools.snapshot.drawing import Canvas
+from ledpi.diagnosis.drawing import Canvas
 from ledpi.tools.snapshot.page import BORDER, WIDTH
 
 GAP = 16

@@ -35,6 +35,38 @@ def reader(**values: Any) -> ledpi.Reader:
     return ledpi.Reader(**{"side_m": 0.16, "lens": LENS} | values)
 
 
+# ---- What is drawn
+
+
+def test_a_picture_is_drawn_with_its_markers(near: Pixels) -> None:
+    """In colour: each cell has its class's, blue or orange; beside the panel the picture is only dimmer."""
+    asked = reader()
+    (marker,) = asked.read(near, row_time_us=ROW_TIME_US)
+    picture = asked.draw(near, [marker])
+    assert (picture.shape, picture.dtype) == ((480, 640, 3), np.uint8)
+    assert np.abs(picture[:100].astype(float) - 0.7 * near[:100, :, None]).max() <= 1.0
+    top_left, top_right, bottom_right, bottom_left = marker.corners_px
+    for row, classes in enumerate(["WWBB", "BWBB", "WWWW", "BBWB"]):  # ID 7 of DICT_4X4_50
+        for column, of in enumerate(classes):
+            u, v = (column + 0.2) / 4, (row + 0.2) / 4  # of the cell's corner: axes and words lie elsewhere
+            at = (1 - v) * ((1 - u) * top_left + u * top_right) + v * ((1 - u) * bottom_left + u * bottom_right)
+            blue, _, red = picture[round(at[1]), round(at[0])].astype(int)
+            assert (red > blue + 40) == (of == "W"), (row, column)
+            assert (blue > red + 40) == (of == "B"), (row, column)
+
+
+def test_what_is_drawn_needs_a_picture_of_the_lens(near: Pixels) -> None:
+    """And no marker need be there; without a lens no axes are."""
+    assert np.array_equal(reader().draw(near, []), np.repeat((near * 0.7).astype(np.uint8)[..., None], 3, axis=2))
+    with pytest.raises(ledpi.PictureError, match=r"^image: must be 640 × 480"):
+        reader().draw(near[:100], [])
+    without = reader(lens=None)
+    markers = without.read(near, row_time_us=ROW_TIME_US)
+    stream = reader(lens=None).stream(row_time_us=ROW_TIME_US)
+    assert np.array_equal(without.draw(near, markers), stream.draw(near, markers))
+    assert not np.array_equal(without.draw(near, markers), reader().draw(near, reader().read(near, row_time_us=33.67)))
+
+
 # ---- What is read
 
 

@@ -18,12 +18,12 @@ from ledpi.cli.snapshot import reasons
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.decode.cells import CellSamples, lattice
+from ledpi.diagnosis import drawing
+from ledpi.diagnosis.drawing import AXES, text
 from ledpi.diagnosis.why_not import Why
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Light, Panel, PanelAppearance, Scene
-from ledpi.tools.snapshot import drawing
-from ledpi.tools.snapshot.drawing import AXES, text
 from ledpi.tools.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
 from ledpi.tools.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw, numbered
 from ledpi.tools.snapshot.record import Snapshot, explain, take

@@ -15,10 +15,10 @@ from ledpi.config.settings import Method
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels, Rejected
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
+from ledpi.diagnosis.drawing import BLACK_CLASS, WHITE_CLASS
 from ledpi.pipeline.each_cell import class_alone, class_given_others
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.writer import RecordingWriter
-from ledpi.tools.snapshot.drawing import BLACK_CLASS, WHITE_CLASS
 from ledpi.tools.snapshot.page import BORDER, PICTURES_TOP, WIDTH
 from ledpi.tools.snapshot.record import Snapshot, take
 from ledpi.tools.snapshot.steps import CAPTION, TITLE, draw_steps
