@@ -107,7 +107,7 @@ LEDPI_SIMD void ledpi_leave(const Panel *panel, ptrdiff_t gains, const float *co
         for (ptrdiff_t p = 0; p < panel->points; p++, columns += width) {
             Eight sums = {0};
             for (ptrdiff_t i = 0; i < width; i += LEDPI_WIDTH) sums += *(const Eight *)(taken + i) * *(const Eight *)(columns + i);
-            *left++ = ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
+            *left++ = ledpi_total(sums);
         }
     }
 }

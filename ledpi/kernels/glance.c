@@ -22,15 +22,15 @@ enum { MOST = 256 }; /* that are looked at: what has more is texture */
 #define FARTHEST 3.0 /* sizes of the picture */
 
 static LEDPI_INLINE float product(const float *a, const float *b, ptrdiff_t count) {
-    Eight one = {0}, other = {0};
+    enum { CHAINS = 16 / LEDPI_WIDTH }; /* none waits for another */
+    Eight sums[CHAINS] = {{0}};
     ptrdiff_t i = 0;
-    for (; i + 16 <= count; i += 16) {
-        one += *(const Eight *)(a + i) * *(const Eight *)(b + i);
-        other += *(const Eight *)(a + i + 8) * *(const Eight *)(b + i + 8);
-    }
-    for (; i < count; i += 8) one += *(const Eight *)(a + i) * *(const Eight *)(b + i);
-    one += other;
-    return ((one[0] + one[4]) + (one[1] + one[5])) + ((one[2] + one[6]) + (one[3] + one[7]));
+    for (; i + 16 <= count; i += 16)
+        for (int k = 0; k < CHAINS; k++)
+            sums[k] += *(const Eight *)(a + i + k * LEDPI_WIDTH) * *(const Eight *)(b + i + k * LEDPI_WIDTH);
+    for (int k = 0; i < count; i += LEDPI_WIDTH, k++) sums[k] += *(const Eight *)(a + i) * *(const Eight *)(b + i);
+    for (int k = 1; k < CHAINS; k++) sums[0] += sums[k];
+    return ledpi_total(sums[0]);
 }
 
 static double side_of(const double *c) {

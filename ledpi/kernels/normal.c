@@ -3,43 +3,29 @@
 #include "normal.h"
 #include "simd.h"
 
-/* 4 × 8 of the sums, at i and j. */
-static LEDPI_INLINE void add_narrow(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
-                                     float *sums) {
-    Eight a = {0}, b = {0}, c = {0}, d = {0};
-    for (const float *row = rows; row < to; row += width) {
-        const Eight right = *(const Eight *)(row + j);
-        a += row[i] * right, b += row[i + 1] * right, c += row[i + 2] * right, d += row[i + 3] * right;
-    }
-    float *sum = sums + i * width + j;
-    *(Eight *)sum += a, *(Eight *)(sum + width) += b;
-    *(Eight *)(sum + 2 * width) += c, *(Eight *)(sum + 3 * width) += d;
-}
+enum { DOWN = 4, MOST_ACROSS = 16 / LEDPI_WIDTH };
 
-/* 4 × 16 of them: fewer numbers are read for each product, where there are registers for so many. */
-static LEDPI_INLINE void add_broad(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
-                                    float *sums) {
-    Eight a = {0}, b = {0}, c = {0}, d = {0}, e = {0}, f = {0}, g = {0}, h = {0};
-    for (const float *row = rows; row < to; row += width) {
-        const Eight left = *(const Eight *)(row + j), right = *(const Eight *)(row + j + 8);
-        a += row[i] * left, b += row[i + 1] * left, c += row[i + 2] * left, d += row[i + 3] * left;
-        e += row[i] * right, f += row[i + 1] * right, g += row[i + 2] * right, h += row[i + 3] * right;
-    }
-    float *sum = sums + i * width + j;
-    *(Eight *)sum += a, *(Eight *)(sum + width) += b;
-    *(Eight *)(sum + 2 * width) += c, *(Eight *)(sum + 3 * width) += d;
-    *(Eight *)(sum + 8) += e, *(Eight *)(sum + width + 8) += f;
-    *(Eight *)(sum + 2 * width + 8) += g, *(Eight *)(sum + 3 * width + 8) += h;
+/* DOWN rows of the sums, at i, in `across` vectors from j on: the more, the fewer numbers are read for each product. */
+static LEDPI_INLINE void add_tile(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j, const int across,
+                                  float *sums) {
+    Eight tile[DOWN][MOST_ACROSS] = {{{0}}};
+    for (const float *row = rows; row < to; row += width)
+        for (int k = 0; k < across; k++) {
+            const Eight right = *(const Eight *)(row + j + k * LEDPI_WIDTH);
+            for (int m = 0; m < DOWN; m++) tile[m][k] += row[i + m] * right;
+        }
+    for (int m = 0; m < DOWN; m++)
+        for (int k = 0; k < across; k++) *(Eight *)(sums + (i + m) * width + j + k * LEDPI_WIDTH) += tile[m][k];
 }
 
 static LEDPI_INLINE void add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums, const bool broad) {
     for (ptrdiff_t from = 0; from < count; from += LEDPI_AT_ONCE) {
         const ptrdiff_t end = from + LEDPI_AT_ONCE < count ? from + LEDPI_AT_ONCE : count;
         const float *first = rows + width * from, *to = rows + width * end;
-        for (ptrdiff_t i = 0; i < width; i += 4) {
+        for (ptrdiff_t i = 0; i < width; i += DOWN) {
             ptrdiff_t j = i / LEDPI_WIDTH * LEDPI_WIDTH;
-            for (; broad && j + 2 * LEDPI_WIDTH <= width; j += 2 * LEDPI_WIDTH) add_broad(first, to, width, i, j, sums);
-            for (; j < width; j += LEDPI_WIDTH) add_narrow(first, to, width, i, j, sums);
+            for (; broad && j + 16 <= width; j += 16) add_tile(first, to, width, i, j, MOST_ACROSS, sums);
+            for (; j < width; j += LEDPI_WIDTH) add_tile(first, to, width, i, j, 1, sums);
         }
     }
 }
@@ -61,22 +47,23 @@ void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, flo
 }
 #endif
 
-typedef double Four __attribute__((vector_size(32), aligned(8)));
+enum { HALF = LEDPI_WIDTH / 2 };
+typedef double Doubles __attribute__((vector_size(8 * HALF), aligned(8)));
 
 /* Takes four rows by their `factors` off one row and the next, which there may be none of, from column `from` to the end. */
 static LEDPI_INLINE void take_off(const double *const rows[4], double factors[2][4], ptrdiff_t from, ptrdiff_t end,
                                   double *one, double *next) {
-    for (; (end - from) % 4; from++) {
+    for (; (end - from) % HALF; from++) {
         double of_one = 0.0, of_next = 0.0;
         for (int j = 0; j < 4; j++) of_one += factors[0][j] * rows[j][from], of_next += factors[1][j] * rows[j][from];
         one[from] -= of_one;
         if (next) next[from] -= of_next;
     }
-    for (ptrdiff_t m = from; m < end; m += 4) {
-        const Four a = *(const Four *)(rows[0] + m), b = *(const Four *)(rows[1] + m);
-        const Four c = *(const Four *)(rows[2] + m), d = *(const Four *)(rows[3] + m);
-        *(Four *)(one + m) -= (factors[0][0] * a + factors[0][1] * b) + (factors[0][2] * c + factors[0][3] * d);
-        if (next) *(Four *)(next + m) -= (factors[1][0] * a + factors[1][1] * b) + (factors[1][2] * c + factors[1][3] * d);
+    for (ptrdiff_t m = from; m < end; m += HALF) {
+        const Doubles a = *(const Doubles *)(rows[0] + m), b = *(const Doubles *)(rows[1] + m);
+        const Doubles c = *(const Doubles *)(rows[2] + m), d = *(const Doubles *)(rows[3] + m);
+        *(Doubles *)(one + m) -= (factors[0][0] * a + factors[0][1] * b) + (factors[0][2] * c + factors[0][3] * d);
+        if (next) *(Doubles *)(next + m) -= (factors[1][0] * a + factors[1][1] * b) + (factors[1][2] * c + factors[1][3] * d);
     }
 }
 
@@ -149,11 +136,12 @@ LEDPI_SIMD void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknow
     for (ptrdiff_t j = size - 1; j >= 0; j--) {
         const double *row = matrix + j * (size + 1);
         double left = row[size];
-        Four known = {0};
+        Doubles known = {0};
         ptrdiff_t i = j + 1;
-        for (; i + 4 <= size; i += 4) known += *(const Four *)(row + i) * *(const Four *)(unknowns + i);
+        for (; i + HALF <= size; i += HALF) known += *(const Doubles *)(row + i) * *(const Doubles *)(unknowns + i);
         for (; i < size; i++) left -= row[i] * unknowns[i];
-        unknowns[j] = (left - ((known[0] + known[1]) + (known[2] + known[3]))) / row[j];
+        for (int k = 2; k < HALF; k++) known[k - 2] += known[k];
+        unknowns[j] = (left - (known[0] + known[1])) / row[j];
     }
 }
 

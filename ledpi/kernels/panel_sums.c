@@ -139,11 +139,22 @@ static void clear(const Fitting *fit, Work *work) {
     work->left = work->inside = work->used = work->light = work->light2 = 0.0, work->samples = 0;
 }
 
-typedef int32_t Eight32 __attribute__((vector_size(32)));
+typedef int32_t Eight32 __attribute__((vector_size(4 * LEDPI_WIDTH)));
 
-/* Eight rows of eight become eight columns: in pairs, in fours, in halves. */
+/* Rows become columns: in pairs, in fours, in halves. */
 static LEDPI_INLINE void transpose(Eight r[LEDPI_WIDTH]) {
-    Eight t[LEDPI_WIDTH], u[LEDPI_WIDTH];
+    Eight t[LEDPI_WIDTH];
+#if LEDPI_WIDTH == 4
+    for (int i = 0; i < 4; i += 2) {
+        t[i] = __builtin_shuffle(r[i], r[i + 1], (Eight32){0, 4, 1, 5});
+        t[i + 1] = __builtin_shuffle(r[i], r[i + 1], (Eight32){2, 6, 3, 7});
+    }
+    for (int k = 0; k < 2; k++) {
+        r[2 * k] = __builtin_shuffle(t[k], t[k + 2], (Eight32){0, 1, 4, 5});
+        r[2 * k + 1] = __builtin_shuffle(t[k], t[k + 2], (Eight32){2, 3, 6, 7});
+    }
+#else
+    Eight u[LEDPI_WIDTH];
     for (int i = 0; i < LEDPI_WIDTH; i += 2) {
         t[i] = __builtin_shuffle(r[i], r[i + 1], (Eight32){0, 8, 1, 9, 4, 12, 5, 13});
         t[i + 1] = __builtin_shuffle(r[i], r[i + 1], (Eight32){2, 10, 3, 11, 6, 14, 7, 15});
@@ -157,6 +168,7 @@ static LEDPI_INLINE void transpose(Eight r[LEDPI_WIDTH]) {
         r[i] = __builtin_shuffle(u[i], u[i + 4], (Eight32){0, 1, 2, 3, 8, 9, 10, 11});
         r[i + 4] = __builtin_shuffle(u[i], u[i + 4], (Eight32){4, 5, 6, 7, 12, 13, 14, 15});
     }
+#endif
 }
 
 /* Adds eight samples; those that tell nothing have columns of zeros. `blocks` are theirs. */

@@ -12,11 +12,11 @@ enum { MEETING = 40, MET = 5 }; /* ways in which cells meet at a point, MET of t
  * shows, that is far below the noise. */
 static const float ALIKE = 1e-3f;
 
-/* Sum of a[i]·b[i], i < wide, which is a multiple of 8. */
+/* Sum of a[i]·b[i], i < wide, which is a multiple of LEDPI_WIDTH. */
 static inline float product(const float *a, const float *b, ptrdiff_t wide) {
     Eight sums = {0};
-    for (ptrdiff_t i = 0; i < wide; i += 8) sums += *(const Eight *)(a + i) * *(const Eight *)(b + i);
-    return ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
+    for (ptrdiff_t i = 0; i < wide; i += LEDPI_WIDTH) sums += *(const Eight *)(a + i) * *(const Eight *)(b + i);
+    return ledpi_total(sums);
 }
 
 /* What lights up each point, as `Sources` in decode/evidence/shared_light.py has it; and which cells meet. */
@@ -184,13 +184,14 @@ LEDPI_SIMD static void take_off(const Panel *panel, const Sources *sources, cons
 /* What a source takes from the matrix is the square of this row of its unknowns. */
 static inline void put_row(const Panel *panel, const float *basis, const float *columns, ptrdiff_t waves, float *row) {
     const ptrdiff_t cells = panel->cells, apart = panel->points * width_of(panel);
-    Eight slopes = {0};
+    enum { PARTS = SLOPES / LEDPI_WIDTH };
+    Eight slopes[PARTS] = {{0}};
     for (ptrdiff_t c = 0; c < cells; c++, columns += apart) {
         row[c] = basis[c] * columns[0];
-        slopes += basis[c] * *(const Eight *)(columns + 1 + waves);
+        for (int k = 0; k < PARTS; k++) slopes[k] += basis[c] * *(const Eight *)(columns + 1 + waves + k * LEDPI_WIDTH);
         for (ptrdiff_t i = 0; i < waves; i++) row[cells + SLOPES + c * waves + i] = basis[c] * columns[1 + i];
     }
-    *(Eight *)(row + cells) = slopes;
+    for (int k = 0; k < PARTS; k++) *(Eight *)(row + cells + k * LEDPI_WIDTH) = slopes[k];
 }
 
 /* Takes what the cells share at each point out of the matrix. `rows` (LEDPI_AT_ONCE, padded size) is room to work in. */
