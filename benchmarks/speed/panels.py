@@ -22,34 +22,22 @@ import cv2
 import numpy as np
 
 from ledpi.config.settings import load_config
-from ledpi.core.records import CameraInfo, Decoded, Frame
-from ledpi.markers.dictionaries import load_dictionary
+from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens
-from ledpi.simulate.trajectory import Still, facing_camera
+from ledpi.simulate.scene import Scene, SimulatedSensor
+from ledpi.simulate.scenes import MOST_ABREAST, abreast_scene, ov5647_lens
+from ledpi.simulate.sensor import sensor_info
 
-DISTANCE_M = 1.4
 WARM_UP_FRAMES = 24  # squares that are no panels are looked at in each frame until then
 THEIRS, OURS = "detectMarkers", ("searching", "tracking")
 SETTINGS = load_config(None, ("panels.side_m=0.16",)).panels
-PLACES_M = [(x, y) for y in (-0.22, 0.22) for x in (-0.45, -0.15, 0.15, 0.45)]  # four across, two down
 
 
-def scene_of(count: int) -> Scene:
-    dictionary, ids = load_dictionary(SETTINGS.dictionary), sorted(SETTINGS.existing_ids())[:count]
-    panels = [
-        Panel(
-            codeword=dictionary.codeword(marker_id),
-            spec=SETTINGS.spec(marker_id),
-            motion=Still(facing_camera(np.array([*PLACES_M[k], DISTANCE_M]), roll_deg=5.0 * k)),
-            marker_id=marker_id,
-        )
-        for k, marker_id in enumerate(ids)
-    ]
-    sensor = SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=9966.0)
-    return Scene(sensor=sensor, panels=tuple(panels), room=Room(distance_m=3.0))
+def scene_of(count: int, exposure_us: float = 9966.0) -> Scene:
+    specs = {marker_id: SETTINGS.spec(marker_id) for marker_id in sorted(SETTINGS.existing_ids())[:count]}
+    sensor = SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=exposure_us)
+    return abreast_scene(sensor, specs, SETTINGS.dictionary)
 
 
 def frames_of(scene: Scene, count: int) -> list[Frame]:
@@ -58,16 +46,7 @@ def frames_of(scene: Scene, count: int) -> list[Frame]:
 
 
 def pipeline_of(scene: Scene, *, stream: bool) -> Pipeline:
-    sensor = scene.sensor
-    info = CameraInfo(
-        width=640,
-        height=480,
-        exposure_us=sensor.exposure_us,
-        row_time_us=sensor.row_time_us,
-        transfer=sensor.transfer,
-        frame_length_rows=sensor.frame_length_rows,
-    )
-    return Pipeline(info, SETTINGS, intrinsics=sensor.intrinsics, stream=stream)
+    return Pipeline(sensor_info(scene.sensor), SETTINGS, intrinsics=scene.sensor.intrinsics, stream=stream)
 
 
 class Contest:
@@ -118,7 +97,7 @@ def further_panel(counts: Sequence[int], ms: Sequence[float]) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--panels", type=int, default=len(PLACES_M), choices=range(2, len(PLACES_M) + 1))
+    parser.add_argument("--panels", type=int, default=MOST_ABREAST, choices=range(2, MOST_ABREAST + 1))
     parser.add_argument("--frames", type=int, default=24)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)

@@ -66,6 +66,27 @@ def still_scene(
     return Scene(sensor=sensor, panels=tuple(panels))
 
 
+MOST_ABREAST = 8  # panels of `abreast_scene`
+_ABREAST_SIDES = tuple(
+    (x, y) for y in (-1.375, 1.375) for x in (-2.8125, -0.9375, 0.9375, 2.8125)
+)  # four across, two down
+
+
+def abreast_scene(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], dictionary: str) -> Scene:
+    """Up to eight panels at rest, 8.75 sides away before a textured wall, each turned by 5° more than the last."""
+    side_m = max(spec.side_m for spec in specs.values()) if specs else _DRIVE_SIDE_M
+    panels = tuple(
+        Panel(
+            codeword=load_dictionary(dictionary).codeword(marker_id),
+            spec=spec,
+            motion=Still(facing_camera(side_m * np.array([*_ABREAST_SIDES[place], 8.75]), roll_deg=5.0 * place)),
+            marker_id=marker_id,
+        )
+        for place, (marker_id, spec) in enumerate(specs.items())
+    )
+    return Scene(sensor=sensor, panels=panels, room=Room(distance_m=18.75 * side_m))
+
+
 def drive_scene(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], dictionary: str) -> Scene:
     """A robot that drives up to two panels, 7 and 23, and back, for ever: 0.7 to 2.5 m away, up to 0.7 m/s.
 

@@ -12,7 +12,7 @@ from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted, one_line
 from ledpi.markers.codewords import format_ranges
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.doctor import camera, machine, outputs, ports, running
+from ledpi.tools.doctor import camera, machine, outputs, ports, running, speed
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
 
@@ -29,7 +29,7 @@ def configuration(file: Path | None, *, asked_for: bool) -> Finding:
 
 
 def examine(config: Config) -> Iterator[Finding]:
-    """Each finding as soon as it is known; the camera takes some seconds."""
+    """Each finding as soon as it is known; the camera takes some seconds, and the speed."""
     kind, _, place = config.camera.source.partition(":")
     yield machine.packages()
     if kind == "picamera2":
@@ -53,6 +53,8 @@ def examine(config: Config) -> Iterator[Finding]:
     yield machine.disk()
     yield machine.clock()
     yield machine.throttling()
+    if tap is None:  # a daemon that runs says itself whether it keeps up
+        yield speed.speed(config)
 
 
 def _to_its_end(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:
