@@ -11,17 +11,18 @@ from __future__ import annotations
 import argparse
 import os
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from itertools import groupby
 from pathlib import Path
 
-from benchmarks import ROOT
+from benchmarks import ROOT, table
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import cv2
 
+from benchmarks.speed import arm
 from benchmarks.speed import panels as contests
 from ledpi.config.settings import load_config
 from ledpi.tools.evaluate.conditions import Suite
@@ -61,6 +62,13 @@ Median processor time of a frame of 640 × 480 pixels, OpenCV on one thread, on 
 10 ms, in a room with textured walls. *Searching*: each frame alone. *Tracking*: in a stream, all panels read."""
 
 
+INSTRUCTIONS = """\
+Counted on emulated 64-bit ARM and on x86-64, with panels as above (`python -m benchmarks.speed arm --renew`).
+*Searching*: no panel is in view. *First ID*: all frames of a stream until then. *Following*: the mean of six frames of
+a stream, the whole picture searched in every third. [Which Pi, how fast](raspberry-pi.md#which-pi-how-fast) says what
+that makes of a Raspberry Pi."""
+
+
 def rows_of(suite: Suite, frames: int, methods: tuple[Method, ...], out: Path, workers: int) -> list[TableRow]:
     """The suite's rows, whatever of them is not in `out` yet measured now."""
     plan = Plan(
@@ -81,10 +89,6 @@ def rows_of(suite: Suite, frames: int, methods: tuple[Method, ...], out: Path, w
             folder.add(record)
             print(f"{suite}: {len(folder.finished)} of {len(units)}", flush=True)
     return plan.rows(folder.finished)
-
-
-def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    return "\n".join("| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *lines))
 
 
 def read_table(rows: Sequence[TableRow]) -> str:
@@ -199,6 +203,7 @@ def page(command: str, wild: Sequence[TableRow], decoys: Sequence[TableRow], spe
     parts += [errors_table(wild)]
     parts += ["False IDs of ledpi:", false_ids(wild), "## Decoys: nothing may be read", DECOYS, decoys_table(decoys)]
     parts += ["False IDs:", false_ids(decoys), "## How fast", f"{SPEED} Processor: {processor()}.", speed]
+    parts += [INSTRUCTIONS, arm.counts_table(arm.kept())]
     return "\n\n".join(parts) + "\n"
 
 

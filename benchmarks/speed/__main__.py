@@ -15,6 +15,7 @@ PARTS = (
     Part("ratios", tuple(str(SHARED / each) for each in ("foreign", "recordings")), path=SHARED),
     Part("worst_frames", ("--only", "/600/4X4_50/")),  # all of them take a quarter of an hour
     Part("instructions", path=Path("/usr/bin/valgrind")),
+    Part("arm", path=Path("/usr/bin/qemu-aarch64")),
     Part("latency"),
     Part("viewers"),
     Part("capture", module="libcamera"),

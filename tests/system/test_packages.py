@@ -14,8 +14,10 @@ from typing import Any
 
 import pytest
 
+from benchmarks.speed import counting
 from ledpi import __version__
 from tests.builders import ROOT
+from tests.builders.marked import PROGRAM, check_counted
 
 NEWEST_GLIBC = 35  # Ubuntu 22.04's, of ROS 2 Humble
 DEMO_MB = 130
@@ -163,6 +165,12 @@ def test_the_wheel_for_arm_decodes_alike(dist: Path, take: Path, tmp_path: Path)
     run(sys.executable, "-m", "ledpi", "simulate", short, *drawn)
     for options in (["--single-frame", take], ["--single-frame", short], [short]):
         check_decoded(run(ROOT / "scripts/emulated-aarch64", wheel(dist, "aarch64"), "decode", *options))
+
+
+@slow
+def test_instructions_are_counted_on_arm(dist: Path) -> None:
+    """Between a program's own marks, in the emulator."""
+    check_counted(counting.on_aarch64(wheel(dist, "aarch64"), ["-c", PROGRAM]))
 
 
 @slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks import results
+from benchmarks.speed import arm
 from benchmarks.speed import panels as contests
 from ledpi.tools.evaluate.scoring import Tally
 from ledpi.tools.evaluate.table import TableRow, table_row
@@ -54,7 +55,8 @@ def test_the_page_says_what_was_read_of_each_row_and_under_which_conditions() ->
     assert near.split(" | ") == ["| near", "0.42 to 1.4 m", "0 to 50°", "10 ms", "1", *rates, "0, 0, 1 |"]
     assert "| 4 to 6 | 6 of 12: 50% (15 to 85) |" in far
     assert "| far | 0.2 px, 1 %, 2° | – |" in page
-    assert page.endswith("| speed |\n")
+    assert "\n\n| speed |\n\n" in page
+    assert page.endswith(f"\n\n{arm.counts_table(arm.kept())}\n")
 
 
 def test_each_false_id_is_listed_and_decoys_add_up() -> None:
