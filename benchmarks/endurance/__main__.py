@@ -11,6 +11,7 @@ PARTS = (
     Part("receivers"),
     Part("soak"),
     Part("crowd"),
+    Part("viewers"),
     Part("bridges", module="paho"),
     Part("record", module="libcamera"),
 )

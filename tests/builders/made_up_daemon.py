@@ -66,6 +66,8 @@ PANEL: dict[str, Any] = {
     "alternate": None,
 }
 TAKE, TAKE_BYTES, PIECE_BYTES = "20261124T101502Z-asked", 60_000_123, 1 << 18
+# Of a camera of 640 × 480.
+LARGE = {"camera": HELLO["camera"] | {"width": 640, "height": 480, "fx": 640.0, "fy": 640.0, "cx": 320.0, "cy": 240.0}}
 CONFIG = {"panels.side_m": 0.16, "view.token": "abcdefghijkl"}
 
 

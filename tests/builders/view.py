@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -18,6 +20,8 @@ from urllib.request import ProxyHandler, Request, build_opener
 
 from ledpi.config.map_yaml import map_text
 from ledpi.simulate.scenes import drive_map
+from ledpi.view.connections import MOST
+from ledpi.view.pictures import KINDS
 from tests.builders import DEADLINE_S
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -53,6 +57,45 @@ class Page:
         request = Request(f"http://127.0.0.1:{self.port}{path}", headers={"Authorization": f"Bearer {self.token}"})
         with build_opener(ProxyHandler({})).open(request, timeout=DEADLINE_S) as answer:
             return bytes(answer.read())
+
+    @property
+    def resident_mb(self) -> float:
+        """What the process holds of the machine's memory."""
+        status = Path(f"/proc/{self.process.pid}/status").read_text()
+        return int(status.split("VmRSS:")[1].split()[0]) / 1024
+
+
+def watched(page: Page, viewers: int, seconds: float, pause_s: float = 0.0) -> list[int]:
+    """How many pictures each of so many viewers gets, one after the other of one kind; `pause_s` between two.
+
+    It lasts longer where by then not all that have a place have seen something.
+    """
+    began_s, got = time.monotonic(), [0] * viewers
+
+    def is_on() -> bool:
+        lasted_s, served = time.monotonic() - began_s, sum(count > 0 for count in got)
+        return lasted_s < seconds or (served < min(viewers, MOST) and lasted_s < seconds + DEADLINE_S)
+
+    def watch(viewer: int) -> None:
+        kind, headers = KINDS[viewer % len(KINDS)], {"Authorization": f"Bearer {page.token}"}
+        while is_on():
+            connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=DEADLINE_S)
+            with suppress(OSError, http.client.HTTPException):  # there are fewer places than viewers
+                while is_on():
+                    connection.request("GET", f"/api/frame?kind={kind}", headers=headers)
+                    answer = connection.getresponse()
+                    answer.read()
+                    got[viewer] += answer.status == 200
+                    time.sleep(pause_s)
+            connection.close()
+            time.sleep(0.2)
+
+    threads = [threading.Thread(target=watch, args=(k,), daemon=True) for k in range(viewers)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return got
 
 
 @contextmanager
