@@ -189,6 +189,9 @@ class Hub:
         if kind != "tick":
             self._heard_s = time.monotonic()
         if kind == "hello":
+            if self._hello is not None and any(line.get(key) != self._hello.get(key) for key in _PLACES_IN):
+                self._panels, self._placed = PanelTable(), None
+                self._track.clear()
             self._starts += self._hello is None or not self._connected or line.get("pid") != self._hello.get("pid")
             self._hello, self._connected = line, True
         elif kind == "lost":
@@ -278,4 +281,6 @@ _OF_FRAMES = (
     "rejected",
     "stale",
 )  # what a second says, and a newer frame knows better
+# What places are told in: of another camera, mount or map they are no places of this one.
+_PLACES_IN = ("camera", "camera_mount", "panels", "map")
 _KEPT = ("frames_per_s", "decoded_per_s", "decoded", "dropped_frames", "latency_ms", "temperature_c")

@@ -32,6 +32,9 @@ TOKEN = "a-token-of-this-test"
 RIGHT = {"Authorization": f"Bearer {TOKEN}"}
 
 
+HERE = {"position_m": [1.0, 2.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+
+
 class Site:
     """A server in this process, and a client."""
 
@@ -231,6 +234,27 @@ def test_a_daemon_that_comes_back_is_followed_again(site: Site, daemon: MadeUpDa
     try:
         assert site.state_once("up")["link"]["starts"] == 2
         assert site.frame()["seq"] > 0
+    finally:
+        again.close()
+
+
+@pytest.mark.parametrize("panel_map", [None, {"7": HERE | {"side_m": 0.16}}])
+def test_what_another_map_has_told_is_not_drawn_in_this_one(
+    site: Site, daemon: MadeUpDaemon, tmp_path: Path, panel_map: dict[str, Any] | None
+) -> None:
+    """After a restart with another map there is no track and no panel of before; with the same, none, they stay."""
+    daemon.frame = {"robot": HERE}
+    end_s = time.monotonic() + DEADLINE_S
+    while not site.ask("GET", "/api/history").json()["track"]:
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+    daemon.close()
+    site.state_once("down")
+    again = MadeUpDaemon(tmp_path / "tap.sock", hello={"map": panel_map}, frame_s=DEADLINE_S)
+    try:
+        state = site.state_once("up")
+        assert bool(state["panels"]) == bool(site.ask("GET", "/api/history").json()["track"]) == (panel_map is None)
+        assert panel_map is None or state["robot"] is None
     finally:
         again.close()
 
