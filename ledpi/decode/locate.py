@@ -197,10 +197,11 @@ class Locator:
             return MISFIT
         if self._dark_sides(fit).any():
             return MISFIT  # a lattice beside, though none of those tried fits better
+        sides_px2 = side_covariance(fit.lattice_px, fit.unknown, fit.hidden, self._cells)
         return Quad(
             corners_px=fit.corners_px,
             lattice_px=fit.lattice_px,
-            covariance_px2=fit.covariance_px2 + side_covariance(fit.lattice_px, fit.unknown, fit.hidden, self._cells),
+            covariance_px2=fit.covariance_px2 + fit.jackknife_px2 + sides_px2,
             unknown=fit.unknown,
             residual=fit.residual,
             hidden=fit.hidden if fit.hidden.any() else None,

@@ -166,9 +166,10 @@ typedef struct {
     /* Where it begins, and what fits best: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
     double corners[8];
     double *unknown;
-    /* What follows from it: corners of what is lit, and their covariance; how many cells of each side (left, right, above,
+    /* What follows from it: corners of what is lit, and their covariance, also by how far they would move without any one
+     * of the cells, where blocks are weighed; how many cells of each side (left, right, above,
      * below) something hides; the share of the light's squares about their mean that is explained; the rest's mean. */
-    double lit[8], hidden[4], covariance[64], explained, variance;
+    double lit[8], hidden[4], covariance[64], jackknife[64], explained, variance;
     bool settled; /* the last step hardly moved anything */
     ptrdiff_t sampled; /* places, in all rounds: what it cost */
 } PanelFit;

@@ -59,8 +59,7 @@ static double inflation_of(const Fitting *fit, const Work *work) {
     return fmax(1.0, of_means / fmax(of_samples, 1e-12) * used / fmax(used - (double)fit->size, 1.0));
 }
 
-/* bᵀA⁻¹c, b and c being zero but for COMMON, of the matrix A that is eliminated: once b and c are, too. */
-static void eliminate_right(const Fitting *fit, const double *matrix, double right[COMMON]) {
+void ledpi_panel_eliminate_right(const Fitting *fit, const double *matrix, double right[COMMON]) {
     const ptrdiff_t size = fit->size;
     for (ptrdiff_t k = 0; k < COMMON; k++) {
         const double *row = matrix + (fit->owns + k) * (size + 1) + fit->owns;
@@ -68,13 +67,12 @@ static void eliminate_right(const Fitting *fit, const double *matrix, double rig
     }
 }
 
-void ledpi_panel_put_covariance(Fitting *fit, const double h[9], Work *work) {
+void ledpi_panel_put_slopes(const Fitting *fit, const double h[9], double by[8][COMMON]) {
     const ptrdiff_t cells = fit->panel.cells;
     const double little = 1e-4, none[WAYS] = {0.0}, *rim = fit->unknown + RIM;
-    double by[8][COMMON];
     int of[4]; /* as they are: where another side is taken for hidden, corners jump, which is no slope */
     Point here[4], moved[4];
-    memset(by, 0, sizeof by);
+    memset(by, 0, 8 * sizeof *by);
     put_ends(rim, of);
     move_lit(h, none, rim, of, cells, here);
     for (int k = 0; k < WAYS + 4; k++) {
@@ -96,8 +94,13 @@ void ledpi_panel_put_covariance(Fitting *fit, const double h[9], Work *work) {
             by[2 * i + 1][k] = by_ray[1][0] * x + by_ray[1][1] * y;
         }
     }
+}
+
+void ledpi_panel_put_covariance(Fitting *fit, const double h[9], Work *work) {
     const double scale = inflation_of(fit, work);
-    for (int i = 0; i < 8; i++) eliminate_right(fit, work->matrix, by[i]);
+    double by[8][COMMON];
+    ledpi_panel_put_slopes(fit, h, by);
+    for (int i = 0; i < 8; i++) ledpi_panel_eliminate_right(fit, work->matrix, by[i]);
     for (int i = 0; i < 8; i++)
         for (int j = 0; j < 8; j++) {
             double sum = 0.0;

@@ -142,6 +142,7 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     ledpi_unit_square_homography(fit.corners, h);
     ledpi_panel_put_covariance(&fit, h, work);
     ledpi_panel_put_lit(&fit, h, asked->hidden);
+    if (asked->reweightings) ledpi_panel_put_jackknife(&fit, h, work, asked->jackknife);
     seen_through(fit.view.lens, fit.corners);
     seen_through(fit.view.lens, fit.lit);
     memcpy(asked->corners, fit.corners, sizeof asked->corners);

@@ -1,9 +1,10 @@
-/* A panel's fit under way: what the files panel_fit.c, panel_sums.c, panel_step.c and panel_corners.c share. */
+/* A panel's fit under way: what the files panel_fit.c, panel_sums.c, panel_step.c, panel_corners.c and panel_jackknife.c share. */
 #ifndef LEDPI_PANEL_FIT_H
 #define LEDPI_PANEL_FIT_H
 
 #include "normal.h"
 #include "panel.h"
+#include "simd.h"
 
 enum {
     BLOCKS = 3, /* that are weighed together, along a cell */
@@ -46,6 +47,26 @@ static inline int ledpi_ascending(const void *a, const void *b) {
     return (one > other) - (one < other);
 }
 
+/* A cell that a sample shows, and the sample's slopes by its OWN. */
+typedef struct {
+    ptrdiff_t cell;
+    float by[OWN];
+} Owned;
+
+/* The cells that meet at a sample, by their number. Returns how many. */
+static LEDPI_INLINE int ledpi_panel_met(const Samples *s, int lane, const Lines *across, const Line *down, ptrdiff_t cells, Owned met[4]) {
+    const int above = down->cell[1] < down->cell[0], left = across->cell[1][lane] < across->cell[0][lane];
+    int count = 0;
+    for (int n = 0; n < 4; n++) {
+        const int j = (n / 2) ^ above, i = (n % 2) ^ left;
+        if (!(across->light[i][lane] * down->light[j] > NO_LIGHT)) continue;
+        met[count].cell = down->cell[j] * cells + across->cell[i][lane];
+        for (int k = 0; k < OWN; k++) met[count].by[k] = s->weight[lane] * s->own[j][i][k][lane];
+        count++;
+    }
+    return count;
+}
+
 /* A fit as it is asked for, before its first round (panel_fit.c). */
 Fitting ledpi_panel_begun(const PanelFit *asked, PanelFit *into);
 
@@ -70,7 +91,16 @@ double ledpi_panel_take_step(Fitting *fit, const double h[9], Work *work);
 /* Corners of what is lit, and how many cells of each side (left, right, above, below) something hides. */
 void ledpi_panel_put_lit(Fitting *fit, const double h[9], double hidden[4]);
 
+/* How the coordinates of the corners of what is lit go with COMMON. */
+void ledpi_panel_put_slopes(const Fitting *fit, const double h[9], double by[8][COMMON]);
+
+/* A right side that is zero but for COMMON, eliminated as the matrix A is: of two, bᵀA⁻¹c is the sum of products over pivots. */
+void ledpi_panel_eliminate_right(const Fitting *fit, const double *matrix, double right[COMMON]);
+
 /* The corners' covariance by what is known of all unknowns. */
 void ledpi_panel_put_covariance(Fitting *fit, const double h[9], Work *work);
+
+/* The same by how far corners would move without any one of the cells (panel_jackknife.c). */
+void ledpi_panel_put_jackknife(Fitting *fit, const double h[9], Work *work, double covariance[64]);
 
 #endif

@@ -84,27 +84,7 @@ ptrdiff_t ledpi_panel_block(double across, double down, ptrdiff_t cells) {
     return beside + 2 * cells + (down < 0.0 ? 0 : cells) + i;
 }
 
-/* A cell that a sample shows, and the sample's slopes by its OWN. */
-typedef struct {
-    ptrdiff_t cell;
-    float by[OWN];
-} Met;
-
-/* The cells that meet at a sample, by their number. Returns how many. */
-static LEDPI_INLINE int met_at(const Samples *s, int lane, const Lines *across, const Line *down, ptrdiff_t cells, Met met[4]) {
-    const int above = down->cell[1] < down->cell[0], left = across->cell[1][lane] < across->cell[0][lane];
-    int count = 0;
-    for (int n = 0; n < 4; n++) {
-        const int j = (n / 2) ^ above, i = (n % 2) ^ left;
-        if (!(across->light[i][lane] * down->light[j] > NO_LIGHT)) continue;
-        met[count].cell = down->cell[j] * cells + across->cell[i][lane];
-        for (int k = 0; k < OWN; k++) met[count].by[k] = s->weight[lane] * s->own[j][i][k][lane];
-        count++;
-    }
-    return count;
-}
-
-static LEDPI_INLINE void add_own(Products *products, ptrdiff_t own, ptrdiff_t owns, const Met *met, int count, float root,
+static LEDPI_INLINE void add_own(Products *products, ptrdiff_t own, ptrdiff_t owns, const Owned *met, int count, float root,
                                  const float *columns) {
     for (int i = 0; i < count; i++)
         for (ptrdiff_t k = 0; k < own; k++) {
@@ -118,7 +98,7 @@ static LEDPI_INLINE void add_own(Products *products, ptrdiff_t own, ptrdiff_t ow
 }
 
 /* What `ledpi_panel_phases` asks for: of one cell's light the part that its own unknowns explain. */
-static void add_row(const Fitting *fit, const Met *met, float row_px, float residual, ptrdiff_t rows, Work *work) {
+static void add_row(const Fitting *fit, const Owned *met, float row_px, float residual, ptrdiff_t rows, Work *work) {
     const ptrdiff_t row = (ptrdiff_t)((row_px - fit->view.first_y) / fit->view.shrink + 0.5);
     if (row < 0 || row >= rows) return;
     const double *own = fit->unknown + COMMON + OWN * met->cell;
@@ -193,9 +173,9 @@ static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdi
         for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Eight *)(columns + lane * DENSE + from) = part[lane];
     }
     for (int lane = 0; lane < lanes; lane++) {
-        Met met[4];
+        Owned met[4];
         if (!s->tells[lane]) continue;
-        const int cells_met = met_at(s, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
+        const int cells_met = ledpi_panel_met(s, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
         if (!phasing)
             add_own(&work->products, fit->own, fit->owns, met, cells_met, root[lane], columns + lane * DENSE);
         else if (cells_met == 1)

@@ -32,26 +32,26 @@ def test_a_first_frame_knows_no_motion_and_says_so(turn_rad_s: float, scenes: in
     ],
 )
 def test_what_hides_a_strip_of_a_side_is_in_the_covariance(seeds: tuple[int, ...], exposure_us: float) -> None:
-    """As a dark edge slides over a panel, at most 1 of 100 poses without an alternate is far off, none by 10°."""
+    """As a dark edge slides over a panel, at most 3 of 1,000 poses without an alternate are far off, none by 10°."""
     frames = 24
     seen = [e for i in seeds for e in poses(behind_an_edge(i, frames, exposure_us), i, frames, stream=True)]
     plain = [each for each in seen if each.plain]
     assert len(plain) > frames * len(seeds) / 2
-    assert sum(each.misleads for each in plain) <= 0.01 * len(plain)
+    assert sum(each.misleads for each in plain) <= 0.003 * len(plain)
     assert all(each.off_deg < 10 for each in plain)
 
 
 @pytest.mark.parametrize(
-    ("seeds", "exposure_us"),
+    ("seeds", "exposure_us", "most"),
     [
-        (range(8), 600.0),
-        pytest.param(range(150), 600.0, marks=pytest.mark.slow),
-        pytest.param(range(100), 10_000.0, marks=pytest.mark.slow),
+        (range(8), 600.0, 0.003),
+        pytest.param(range(150), 600.0, 0.003, marks=pytest.mark.slow),
+        pytest.param(range(100), 10_000.0, 0.02, marks=pytest.mark.slow),
     ],
 )
-def test_what_touches_a_panel_is_in_the_covariance(seeds: range, exposure_us: float) -> None:
-    """LED strips and blinds, aslant too: of poses without an alternate at most 3 in 100 are far off, or one."""
+def test_what_touches_a_panel_is_in_the_covariance(seeds: range, exposure_us: float, most: float) -> None:
+    """LED strips and blinds, aslant too: of poses without an alternate at most 3 in 1,000 are far off; at 10 ms 20."""
     seen = [each for i in seeds for each in poses(touched(i, exposure_us), i, 3, stream=True)]
     plain = [each for each in seen if each.plain]
     assert len(plain) > len(seeds)
-    assert sum(each.misleads for each in plain) <= max(1.0, 0.03 * len(plain))
+    assert sum(each.misleads for each in plain) <= most * len(plain)

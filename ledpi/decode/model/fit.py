@@ -61,6 +61,7 @@ class Fitted:
     corners_px: Floats  # (4, 2) and of what is lit
     hidden: Floats  # (4,) how much something hides along each side, from one corner to the next, in cells
     covariance_px2: Floats  # (8, 8) of the corners: x and y of each
+    jackknife_px2: Floats  # (8, 8) the same, by how far they would move without any one of the cells
     settled: bool  # the last step hardly moved anything
     explained: float  # share of the light's squares about their mean
     residual: float  # mean square of what is not, over the noise that so much light has
@@ -190,6 +191,7 @@ def _fitted(fit: Any, unknown: Floats, window: Window, spec: PanelSpec) -> Fitte
         corners_px=read_only(lit),
         hidden=read_only(np.array(list(fit.hidden))[[2, 1, 3, 0]]),
         covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
+        jackknife_px2=read_only(np.array(list(fit.jackknife)).reshape(8, 8)),
         settled=fit.settled,
         explained=fit.explained,
         residual=fit.variance * (window.bright - window.dark),

@@ -12,7 +12,7 @@ from ledpi.decode.model.prior import GAP, RIM
 RIMS = np.array([RIM + 2, RIM + 1, RIM + 3, RIM])  # of the sides from one corner to the next: above, right, below, left
 # In cells, at either end of a side that something hides: its edge may lie aslant, which draws the lattice there.
 ASLANT = 0.06
-UNEVEN = 1.0 / math.sqrt(12.0)  # of a strip's width, at its ends: as anything between none and twice as much at one
+UNEVEN = 1.0 / math.sqrt(3.0)  # of a strip's width, at its ends: as anything between none and twice as much at one
 
 
 def side_covariance(lattice_px: Floats, unknown: Floats, hidden: Floats, cells: int) -> Floats:

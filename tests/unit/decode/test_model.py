@@ -216,6 +216,35 @@ def hidden_strip(side: int, hidden: float, exposure_us: float) -> Fitted:
     return fitted(panel, window_of(light, noise=0.01), TRUE + OFF_PX)
 
 
+@pytest.mark.parametrize("exposure_us", EXPOSURES_US)
+@pytest.mark.parametrize("level", [0.0, 1.0])
+@pytest.mark.parametrize("side", range(4))
+def test_what_lies_aslant_before_a_side_is_in_the_covariance(side: int, level: float, exposure_us: float) -> None:
+    """A wedge, dark or bright, none to a fiftieth of the side: corners by a pixel, by three deviations or so.
+
+    It turns the side without a rim, and by what the noise says this would be eight.
+    """
+    panel = Panel(corners=TRUE, exposure_us=exposure_us)
+    light = panel.light()
+    down, across = np.indices(light.shape)
+    u, v = (at / 4 for at in places_of(TRUE, np.stack([across, down], axis=-1)))
+    inwards, along = (v, 1 - u, 1 - v, u)[side], (u, v, u, v)[side]
+    light[(inwards >= -0.1) & (inwards < 0.02 * along) & (along <= 1.0)] = level
+    fit = fitted(panel, window_of(light, noise=0.01), TRUE + OFF_PX)
+    error = (fit.corners_px - TRUE).reshape(8)
+    assert np.sqrt(error @ np.linalg.solve(fit.covariance_px2 + fit.jackknife_px2, error) / 8) < 3.5
+    assert np.sqrt(error @ np.linalg.solve(fit.covariance_px2, error) / 8) > 2.0
+
+
+@pytest.mark.parametrize("exposure_us", EXPOSURES_US)
+@pytest.mark.parametrize("noise", [0.03, 0.01])
+def test_where_nothing_does_deviations_are_hardly_larger(noise: float, exposure_us: float) -> None:
+    """By less than a quarter: without a cell, corners move no further than noise has them."""
+    panel = Panel(corners=TRUE, exposure_us=exposure_us)
+    fit = fitted(panel, window_of(panel.light(), noise=noise), TRUE + OFF_PX)
+    assert np.trace(fit.covariance_px2 + fit.jackknife_px2) < 1.25**2 * np.trace(fit.covariance_px2)
+
+
 @pytest.mark.parametrize("side", [100, 40])
 @pytest.mark.parametrize("hot_at", [0.53, 0.55])
 def test_light_that_is_off_the_cells_middles_is_in_the_deviation(hot_at: float, side: float) -> None:
