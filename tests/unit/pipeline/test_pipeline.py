@@ -138,20 +138,35 @@ def test_an_uncalibrated_camera_gives_ids_without_poses() -> None:
     assert marker.alternate is None
 
 
+def turned_by(yaw_deg: float) -> Floats:
+    """Of a panel that faces the camera but for this."""
+    return np.asarray(cv2.Rodrigues(np.array([0, np.radians(yaw_deg), 0]))[0] @ np.diag([1.0, -1.0, -1.0]))
+
+
+def third_of(yaw_deg: float) -> MarkerPose:
+    """Of a stream's frames, 3.6 m before a panel that is turned by so much."""
+    square_m = 0.08 * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    points = square_m @ turned_by(yaw_deg).T + (0.01, 0.02, 3.6)
+    seen = points[:, :2] / points[:, 2:] * PINHOLE.fx + (PINHOLE.cx, PINHOLE.cy)
+    stream = pipeline(stream=True)
+    decoded = [stream.decode(frame_of((seen, word(7)), seq=seq)) for seq in range(3)]
+    return decoded[-1].markers[0]
+
+
+@pytest.mark.parametrize("yaw_deg", [2, 5])
+def test_where_a_pose_lies_between_both_its_deviations_include_them(yaw_deg: float) -> None:
+    """Turned by so little, corners fit no two poses: the one that is best lies half way to the mirror image."""
+    marker = third_of(yaw_deg)
+    assert marker.solution is not None
+    pose = marker.solution.camera_from_marker
+    assert pose.covariance is not None
+    for side in (-1, 1):
+        off = cv2.Rodrigues(turned_by(side * yaw_deg) @ matrix_from_quaternion(pose.quaternion_wxyz).T)[0][:, 0]
+        assert off @ np.linalg.solve(pose.covariance[3:, 3:], off) < 7.8  # 95 of 100 of three dimensions
+
+
 def test_where_two_poses_fit_both_are_given() -> None:
     """3.6 m away and turned by 12°: to which side cannot be told. Of one turned by 40° it can."""
-
-    def seen(yaw_deg: float) -> Floats:
-        turn = cv2.Rodrigues(np.array([0, np.radians(yaw_deg), 0]))[0] @ np.diag([1.0, -1.0, -1.0])
-        square_m = 0.08 * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
-        points = square_m @ turn.T + (0.01, 0.02, 3.6)
-        return np.asarray(points[:, :2] / points[:, 2:] * PINHOLE.fx + (PINHOLE.cx, PINHOLE.cy))
-
-    def third_of(yaw_deg: float) -> MarkerPose:
-        stream = pipeline(stream=True)
-        decoded = [stream.decode(frame_of((seen(yaw_deg), word(7)), seq=seq)) for seq in range(3)]
-        return decoded[-1].markers[0]
-
     facing, turned = third_of(12), third_of(40)
     assert facing.solution is not None
     assert facing.alternate is not None
