@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from mcap.exceptions import McapError
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, McapRecord, Metadata, Schema
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader, AnyReaderError
@@ -45,7 +46,7 @@ def _of_mcap(path: Path, warn: Warn) -> Iterator[Item]:
     types = _Types(path)
     with path.open("rb") as file:
         try:
-            for record in StreamReader(file, record_size_limit=MAX_RECORD_BYTES).records:
+            for record in _Records(file, record_size_limit=MAX_RECORD_BYTES).records:
                 if isinstance(record, Schema):
                     schemas[record.id] = record
                 elif isinstance(record, Channel):
@@ -57,10 +58,19 @@ def _of_mcap(path: Path, warn: Warn) -> Iterator[Item]:
                     schema = schemas.get(channel.schema_id)
                     if schema is not None and channel.message_encoding == "cdr":
                         yield Item(channel.topic, _full(schema.name), types.reader(schema, record.data))
-        except (McapError, EOFError, ValueError) as error:
+        except (McapError, EOFError, ValueError, struct.error) as error:
             if not channels:
                 raise RecordingError(f"{path}: is no MCAP file ({error or type(error).__name__})") from None
             warn(f"{path}: is cut off; what stands before that is read")
+
+
+class _Records(StreamReader):
+    """Ends at zeros, as a power failure leaves them in the place of what was not yet on the disk."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode == 0:  # MCAP's own "no record"
+            raise EOFError
+        return super()._read_record(opcode, length)
 
 
 class _Types:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import filecmp
 import json
 import os
+import random
 import resource
 import signal
 import subprocess
@@ -22,11 +23,14 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap_ros2")
 
 from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapFileWriter
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from ledpi.bags.reading import messages
 from ledpi.recording.reader import load_recording
 from tests.builders import ROOT
 from tests.builders.command import Run, in_process
@@ -253,6 +257,83 @@ def test_a_video_becomes_a_recording(take: Path, tmp_path: Path) -> None:
     times_ns = [entry.row0_readout_ns for entry in load_recording(tmp_path / "back").frames]
     assert len(times_ns) == FRAMES
     np.testing.assert_allclose(np.diff(times_ns), 20e6, atol=1e3)
+
+
+def test_a_bag_that_is_cut_off_anywhere_is_read_up_to_there(bag: Path, tmp_path: Path) -> None:
+    """Within a number, too; and where a power failure has left zeros in the place of its end."""
+    data, short = bag.read_bytes(), tmp_path / "short.mcap"
+    whole = sum(1 for _ in messages(bag, print))
+    for size in random.Random(7).sample(range(len(data) // 2, len(data)), 60):
+        for end in (b"", bytes(100_000)):
+            short.write_bytes(data[:size] + end)
+            said: list[str] = []
+            assert whole / 4 < sum(1 for _ in messages(short, said.append)) <= whole
+            assert said in ([], [f"{short}: is cut off; what stands before that is read"])
+
+
+def large_bag(path: Path, take: Path, megabytes: int, pictures: int) -> None:
+    """As many MB of another sensor's messages, with pictures of the take among them."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    image, text = "sensor_msgs/msg/Image", "std_msgs/msg/String"
+    entries = load_recording(take).frames
+    raw = [cv2.imread(str(entry.picture), cv2.IMREAD_UNCHANGED) for entry in entries]
+    cloud = store.serialize_cdr(store.types[text]("x" * 1_000_000), text)
+    with path.open("wb") as file:
+        writer = McapFileWriter(file, compression=CompressionType.NONE)
+        writer.start("ros2", "another program")
+        channels = []
+        for topic, kind in (("/lidar", text), ("/cam/image_raw", image)):
+            definition = store.generate_msgdef(kind, ros_version=2)[0].encode()
+            channels.append(writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", definition)))
+        for number in range(max(megabytes, pictures)):
+            if number < megabytes:
+                writer.add_message(channels[0], number, cloud, number)
+            if number < pictures:
+                stamp = store.types["builtin_interfaces/msg/Time"](*divmod(number * 16_666_667, 10**9))
+                picture = raw[number % len(raw)]
+                assert picture is not None
+                header = store.types["std_msgs/msg/Header"](stamp, "cam")
+                message = store.types[image](header, 480, 640, "mono8", 0, 640, picture.ravel())
+                writer.add_message(channels[1], number, store.serialize_cdr(message, image), number)
+        writer.finish()
+
+
+def most_memory_kb(bag: Path, out: Path) -> int:
+    """What `ledpi import` takes at most."""
+    command = [*LEDPI, "import", str(bag), str(out), *OWN_ROW_TIME]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode == 0
+    return used.ru_maxrss
+
+
+def test_memory_does_not_grow_with_the_bag(take: Path, tmp_path: Path) -> None:
+    """150 MB of it, where a small one is as long as two pictures."""
+    used_kb = []
+    for megabytes, pictures in ((2, 2), (120, 100)):
+        large_bag(tmp_path / "large.mcap", take, megabytes, pictures)
+        used_kb.append(most_memory_kb(tmp_path / "large.mcap", tmp_path / str(megabytes)))
+        assert len(load_recording(tmp_path / str(megabytes)).frames) == pictures
+    assert used_kb[1] < used_kb[0] + 20_000
+
+
+@pytest.mark.parametrize("whose", ["ours", "another's"])
+def test_a_disk_that_fills_up_while_a_bag_is_read_is_one_line(
+    bag: Path, take: Path, tmp_path: Path, whose: str
+) -> None:
+    """What was written until then stays."""
+    if whose != "ours":
+        bag = foreign_bag(tmp_path / "foreign", take)
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+
+    done = ledpi("import", bag, tmp_path / "out", *OWN_ROW_TIME, preexec_fn=limit)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"ledpi: {tmp_path}/out/")
+    assert line.endswith("cannot be written: File too large")
 
 
 # ---- Written as it happens
