@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ledpi.config.settings import Config
     from ledpi.core.records import CameraInfo
     from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.runtime.recorder import Recorded, Recorder, TakeWriter
+    from ledpi.runtime.recorder import FrameWriter, Recorded, Recorder
 
 TICK_S = 0.1
 
@@ -82,11 +82,10 @@ def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
     return Recorder(camera, _writer(out, settings, replace(camera.info, intrinsics=lens), pipeline), pipeline)
 
 
-def _writer(out: Path, settings: Config, camera: CameraInfo, pipeline: Pipeline) -> TakeWriter:
+def _writer(out: Path, settings: Config, camera: CameraInfo, pipeline: Pipeline) -> FrameWriter:
     """Of a folder, or of a bag."""
     from ledpi.cli.bags_extra import needs_bags
-    from ledpi.recording.writer import RecordingWriter
-    from ledpi.runtime.recorder import FolderWriter
+    from ledpi.runtime.take_writer import TakeWriter
 
     dictionary, panel = pipeline.panels.dictionary, pipeline.panels.spec()
     note = f"recorded from {settings.camera.source}"
@@ -94,8 +93,7 @@ def _writer(out: Path, settings: Config, camera: CameraInfo, pipeline: Pipeline)
         with needs_bags():
             from ledpi.bags.bag_writer import BagWriter
         return BagWriter(out, camera=camera, dictionary=dictionary, panel=panel, note=note)
-    writer = RecordingWriter(out, camera=camera, dictionary=dictionary, panel=panel, note=note)
-    return FolderWriter(out, writer)
+    return TakeWriter(out, camera=camera, dictionary=dictionary, panel=panel, note=note)
 
 
 def _run(recorder: Recorder, *, seconds: float, frames: int | None, max_bytes: float) -> None:

@@ -15,7 +15,6 @@ from types import TracebackType
 
 import cv2
 import yaml
-from pydantic import BaseModel
 from typing_extensions import Self
 
 from ledpi.core.errors import RecordingError
@@ -103,14 +102,15 @@ class RecordingWriter:
         self._check(frame, entry)
         png = encode_picture(frame.pixels) if png is None else png
         _write_picture(entry.picture, png)
-        self._append(self._frames, line)
+        self._append(self._frames, line.model_dump_json(exclude_defaults=True))
         if self._last is None and wall_clock_offset_ns is not None:
             self._set_clock(wall_clock_offset_ns)
         self._last = entry
         if truth is not None:
             self._truth = self._truth or self._create(TRUTH_FILE)
             markers = tuple(_truth_line_marker(marker) for marker in truth)
-            self._append(self._truth, TruthLine(seq=frame.seq, markers=markers))
+            told = TruthLine(seq=frame.seq, markers=markers)
+            self._append(self._truth, told.model_dump_json(exclude_defaults=True))
         return len(png)
 
     def _set_clock(self, offset_ns: int) -> None:
@@ -133,10 +133,9 @@ class RecordingWriter:
         with _writing(self._folder / name) as path:
             return path.open("xb", buffering=0)
 
-    def _append(self, file: FileIO, line: BaseModel) -> None:
+    def _append(self, file: FileIO, line: str) -> None:
         """Adds a whole line or, where the disk is full, nothing."""
-        text = line.model_dump_json(exclude_defaults=True).encode() + b"\n"
-        start = file.tell()
+        text, start = f"{line}\n".encode(), file.tell()
         with _writing(Path(file.name)):
             try:
                 while text:

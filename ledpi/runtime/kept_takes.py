@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ledpi.core.errors import RecordingError
-from ledpi.runtime.takes import PART, takes_folder
+from ledpi.runtime.take_writer import PART
+from ledpi.runtime.takes import takes_folder
 from ledpi.tap.protocol import Request
 
 PIECE_BYTES = 1 << 18

@@ -9,8 +9,6 @@ from __future__ import annotations
 import queue
 import time
 
-import numpy as np
-
 from ledpi.core.records import Decoded, Frame
 from ledpi.runtime.frame_buffers import FrameBuffers, KeptFrame, follows
 
@@ -29,23 +27,18 @@ class RecordQueue(FrameBuffers):
         self._last: Frame | None = None  # that came
         self._is_closed = False
 
-    def keep(self, frame: Frame, decoded: Decoded, search_budget: int) -> None:
-        """Keeps a frame that was just decoded, and that might spend so much. Copies its picture; waits for nobody."""
-        self.seen += 1
+    def _slot_for(self, frame: Frame, decoded: Decoded) -> int | None:
         last, self._last = self._last, frame.drop_picture()
         if last is not None and not follows(frame, last):  # a camera was opened anew; no recording holds both
             self.close()
-            return
         with self._changing:
             slot = self._free.pop() if self._free and not self._is_closed else None
             self.dropped += slot is None and not self._is_closed
-        if slot is None:
-            return
-        np.copyto(self._pictures[slot], frame.pixels)
-        kept = KeptFrame(slot, self._last, decoded, search_budget, 0)
-        with self._changing:
-            if not self._is_closed:
-                self._waiting.put(kept)
+        return slot
+
+    def _put(self, kept: KeptFrame) -> None:
+        if not self._is_closed:
+            self._waiting.put(kept)
 
     def next(self, until_s: float) -> KeptFrame | None:
         """The oldest, as soon as it is there; None once it is closed and empty. Closes at `until_s` (monotonic)."""

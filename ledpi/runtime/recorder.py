@@ -10,31 +10,24 @@ Which frames were decoded is settled as each is captured, so its line in frames.
 
 from __future__ import annotations
 
-import json
 import queue
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple, Protocol, TextIO
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from typing_extensions import Self
 
 from ledpi.camera.base import Camera
 from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
-from ledpi.core.errors import RecordingError
 from ledpi.core.records import Decoded, Frame, Rejected
-from ledpi.pipeline.output import decoded_as_json
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.wall_clock import unix_offset_ns
-from ledpi.recording.writer import RecordingWriter, encode_picture
+from ledpi.recording.writer import encode_picture
 from ledpi.runtime.threads import switch_promptly
 
-LIVE_FILE = "live.jsonl"
 ENCODERS = 2
 WAITING = 128  # frames between capture and disk, 2 s at 60 a second and 40 MB: a disk may pause for so long
 BEHIND = WAITING // 4  # of them: the encoders are behind, and the decoder leaves the processor to them
@@ -53,64 +46,22 @@ class Recorded:
     picture_bytes: int = 0
 
 
-class FolderWriter:
-    """A recording's folder, with what was decoded in OUT/live.jsonl."""
-
-    def __init__(self, folder: Path, writer: RecordingWriter) -> None:
-        self._folder, self._writer = folder, writer
-        self._live: TextIO | None = None
-        self.write = writer.write
-
-    def __enter__(self) -> Self:
-        self._writer.__enter__()
-        try:
-            self._live = (self._folder / LIVE_FILE).open("x", encoding="utf-8", buffering=1)
-        except OSError as error:
-            raise self._failure(error) from None
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._writer.__exit__(kind, error, trace)
-        if self._live is not None:
-            self._live.close()
-
-    def write_live(self, frame: Frame, decoded: Decoded) -> None:
-        """A line, whole."""
-        assert self._live is not None
-        try:
-            self._live.write(json.dumps(decoded_as_json(decoded, self._folder.name)) + "\n")
-        except OSError as error:
-            raise self._failure(error) from None
-
-    def _failure(self, error: OSError) -> RecordingError:
-        return RecordingError(f"{self._folder / LIVE_FILE}: cannot be written: {error.strerror}")
-
-
 class _Job(NamedTuple):
     frame: Frame
     png: Future[bytes]
     decoded: bool
 
 
-class TakeWriter(Protocol):
+class FrameWriter(Protocol):
     """What takes the frames, and what was decoded of them meanwhile; a context. Raises RecordingError."""
 
     def __enter__(self) -> object: ...
 
     def __exit__(self, *error: Any) -> None: ...
 
-    def write(
-        self,
-        frame: Frame,
-        *,
-        png: bytes | None = None,
-        decoded: bool | None = None,
-        search_budget: int | None = None,
-        wall_clock_offset_ns: int | None = None,
-    ) -> int:
-        """Adds a frame; returns its picture's bytes."""
+    @property
+    def write(self) -> Callable[..., int]:
+        """Adds a frame, as a RecordingWriter does; returns its picture's bytes."""
 
     def write_live(self, frame: Frame, decoded: Decoded) -> None:
         """Adds what was decoded of a frame, which may be written later. From another thread."""
@@ -119,7 +70,7 @@ class TakeWriter(Protocol):
 class Recorder:
     """One recording from one camera. `stop` ends it, from any thread or signal handler; what was captured is kept."""
 
-    def __init__(self, camera: Camera, writer: TakeWriter, pipeline: Pipeline) -> None:
+    def __init__(self, camera: Camera, writer: FrameWriter, pipeline: Pipeline) -> None:
         self.done = Recorded()
         self._camera = camera
         self._writer = writer

@@ -12,14 +12,13 @@ from collections import deque
 import numpy as np
 
 from ledpi.core.records import Decoded, Frame
-from ledpi.runtime.frame_buffers import FrameBuffers, KeptFrame, follows
+from ledpi.runtime.frame_buffers import FrameBuffers, KeptFrame, follows, side_bytes
 
 # Kept beyond what is asked for: who decodes it again has to find and read the panels first, as live once.
 RUN_IN_NS = 1_000_000_000
 SPARE = 2  # pictures' rooms that stay free, so that the next frame has one when all others are handed over
 MIN_FRAMES = 8  # frames, less than which are not worth keeping
 SIDE_SHARE = 1 / 8  # of the memory, at least, is for results
-MARKER_BYTES, FRAME_BYTES = 4096, 2048  # of what was decoded, as Python holds it; a little more than it is
 
 
 class RewindRing(FrameBuffers):
@@ -35,19 +34,6 @@ class RewindRing(FrameBuffers):
         self._most_side_bytes = most_bytes - self.frames * picture
         self._kept: deque[KeptFrame] = deque()
         self._side_bytes = 0
-
-    def keep(self, frame: Frame, decoded: Decoded, search_budget: int) -> None:
-        """Keeps a frame that was just decoded, and that might spend so much. Copies its picture; waits for nobody."""
-        self.seen += 1
-        side_bytes = FRAME_BYTES + MARKER_BYTES * len(decoded.markers)
-        slot = self._slot_for(frame, side_bytes)
-        if slot is None:
-            return
-        np.copyto(self._pictures[slot], frame.pixels)
-        kept = KeptFrame(slot, frame.drop_picture(), decoded, search_budget, side_bytes)
-        with self._changing:
-            self._kept.append(kept)
-            self._side_bytes += side_bytes
 
     @property
     def kept_s(self) -> float:
@@ -76,8 +62,13 @@ class RewindRing(FrameBuffers):
             taken, self._kept, self._side_bytes = list(self._kept), deque(), 0
         return taken
 
-    def _slot_for(self, frame: Frame, side_bytes: int) -> int | None:
-        """Room for a picture, and for so much beside it; None where all is being written, or there never is so much."""
+    def _put(self, kept: KeptFrame) -> None:
+        self._kept.append(kept)
+        self._side_bytes += kept.side_bytes
+
+    def _slot_for(self, frame: Frame, decoded: Decoded) -> int | None:
+        """A room, and memory for what is beside it; None where all is being written, or there never is so much."""
+        wanted_bytes = side_bytes(decoded)
         with self._changing:
             if self._kept and not follows(frame, self._kept[-1].frame):
                 self._free += [kept.slot for kept in self._kept]
@@ -85,12 +76,12 @@ class RewindRing(FrameBuffers):
             oldest_ns = frame.row0_readout_ns - self._longest_ns
             while self._kept and (
                 len(self._free) < SPARE
-                or self._side_bytes + side_bytes > self._most_side_bytes
+                or self._side_bytes + wanted_bytes > self._most_side_bytes
                 or self._kept[0].frame.row0_readout_ns < oldest_ns
             ):
                 oldest = self._kept.popleft()
                 self._free.append(oldest.slot)
                 self._side_bytes -= oldest.side_bytes
-            if not self._free or side_bytes > self._most_side_bytes:
+            if not self._free or wanted_bytes > self._most_side_bytes:
                 return None
             return self._free.pop()

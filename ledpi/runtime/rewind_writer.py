@@ -5,17 +5,17 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-import time
+from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from ledpi.core.errors import LedpiError, RecordingError
+from ledpi.core.errors import RecordingError
 from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.reporting import event
 from ledpi.runtime.rewind_ring import RewindRing
-from ledpi.runtime.takes import PART, Shown, make_room, new_take
+from ledpi.runtime.takes import Shown, make_room, new_take, said_of, write_take
 
 MAX_WAITING = 4
 JOIN_S = 0.4
@@ -31,11 +31,7 @@ class _Job(NamedTuple):
 
 
 class RewindWriter:
-    """Writes what is taken from a ring into folders of `folder`, one after the other.
-
-    It rests as long as it works while frames come. It asks for no lower priority: whoever takes the interpreter must
-    not be kept from giving it back, or the decoder would wait for both.
-    """
+    """Writes what is taken from a ring into folders of `folder`, one after the other."""
 
     def __init__(self, ring: RewindRing, folder: Path, shown: Shown) -> None:
         self._ring, self._folder, self._shown = ring, folder, shown
@@ -74,13 +70,10 @@ class RewindWriter:
             left = list(reversed(job.kept))
             try:
                 path = self._write(job, left)
-            except (LedpiError, OSError) as error:
-                said = str(error) if isinstance(error, LedpiError) else f"{error.filename}: {error.strerror or error}"
+            except Exception as error:  # whatever it is, the daemon goes on, and who asked hears of it
+                said = said_of(error)
                 _log.error(event("rewind_failed", cause=job.cause, reason=said))
                 job.path.set_exception(RecordingError(f"rewind: {said}"))
-            except Exception as error:  # whatever it is, the daemon goes on, and who asked hears of it
-                _log.error(event("rewind_failed", cause=job.cause, reason=f"{type(error).__name__}: {error}"))
-                job.path.set_exception(error)
             else:
                 _log.info(event("rewind_saved", cause=job.cause, frames=len(job.kept), path=path))
                 job.path.set_result(path)
@@ -101,16 +94,11 @@ class RewindWriter:
         camera = self._shown.camera
         make_room(self._folder, job.cause, len(job.kept) * camera.width * camera.height)
         note = f"the last seconds of {self._shown.source}: {job.cause}"
-        with new_take(self._folder, self._shown, job.cause, note) as take:
-            while left:
-                if self._stop.is_set():
-                    part, all_of_them = take.path.with_name(take.path.name + PART), len(job.kept)
-                    raise RecordingError(
-                        f"{part}: cut off after {take.written} of {all_of_them} frames: the daemon ends"
-                    )
-                began_s, seen = time.monotonic(), self._ring.seen
-                take.write(left[-1], self._ring.picture_of(left[-1]))
-                self._ring.give_back(left.pop())
-                if self._ring.seen > seen:
-                    self._stop.wait(time.monotonic() - began_s)
-        return take.path
+        begun = new_take(self._folder, self._shown, job.cause, note)
+        return write_take(begun, self._ring, self._until_stopped(left), self._stop).path
+
+    def _until_stopped(self, left: list[KeptFrame]) -> Iterator[KeptFrame]:
+        while left:
+            if self._stop.is_set():
+                raise RecordingError(f"the daemon ends, and {len(left)} frames more are not written")
+            yield left.pop()

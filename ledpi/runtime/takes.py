@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import NamedTuple
 
-from ledpi.core.errors import RecordingError
-from ledpi.core.records import CameraInfo, Frame, PanelSpec
-from ledpi.pipeline.output import decoded_as_json
-from ledpi.recording.wall_clock import unix_offset_ns
-from ledpi.recording.writer import RecordingWriter
-from ledpi.runtime.frame_buffers import KeptFrame
-from ledpi.runtime.recorder import LIVE_FILE
+from ledpi.core.errors import LedpiError, RecordingError
+from ledpi.core.records import CameraInfo, PanelSpec
+from ledpi.runtime.frame_buffers import FrameBuffers, KeptFrame
+from ledpi.runtime.take_writer import PART, TakeWriter
 
-PART = ".part"  # how the name of a recording ends until it is whole
 AUTOMATIC = ("camera_lost", "contradicted")  # causes that nobody asked for
 MAX_AUTOMATIC = 5  # recordings of these that stay
 MIN_FREE_BYTES = 100_000_000  # that a disk has left afterwards: a full one stops more than this
@@ -41,26 +38,8 @@ class Shown(NamedTuple):
     source: str
 
 
-class Take:
-    """A recording that is being written; `write` is for one thread."""
-
-    def __init__(self, path: Path, writer: RecordingWriter, live: TextIO) -> None:
-        """`path`: where it is to be once it is whole."""
-        self.path = path
-        self.written = 0  # frames
-        self._writer, self._live = writer, live
-
-    def write(self, kept: KeptFrame, frame: Frame) -> None:
-        """Adds what was kept, and `frame`, the same with its picture. Raises RecordingError or OSError."""
-        self._writer.write(
-            frame, decoded=True, search_budget=kept.search_budget, wall_clock_offset_ns=unix_offset_ns(frame)
-        )
-        self.written += 1
-        self._live.write(json.dumps(decoded_as_json(kept.decoded, self.path.name)) + "\n")
-
-
 @contextmanager
-def new_take(folder: Path, shown: Shown, cause: str, note: str) -> Iterator[Take]:
+def new_take(folder: Path, shown: Shown, cause: str, note: str) -> Iterator[TakeWriter]:
     """One whose name says when and why; its name ends in `.part` until the end.
 
     What is there when an exception comes stays so; without a frame, nothing does. Raises RecordingError or OSError.
@@ -69,20 +48,55 @@ def new_take(folder: Path, shown: Shown, cause: str, note: str) -> Iterator[Take
     part, take = path.with_name(path.name + PART), None
     with ExitStack() as in_work:
         try:
-            with (
-                RecordingWriter(
-                    part, camera=shown.camera, dictionary=shown.dictionary, panel=shown.panel, note=f"{note}; {RUN_IN}"
-                ) as writer,
-                (part / LIVE_FILE).open("x", encoding="utf-8", buffering=1) as live,
-            ):
+            with TakeWriter(
+                part, camera=shown.camera, dictionary=shown.dictionary, panel=shown.panel, note=f"{note}; {RUN_IN}"
+            ) as take:
                 in_work.enter_context(_in_work(part))
-                take = Take(path, writer, live)
                 yield take
         except BaseException:
             if take is None or take.written == 0:  # without a frame it is none
                 shutil.rmtree(part, ignore_errors=True)
             raise
         part.rename(path)
+
+
+def write_take(
+    begun: AbstractContextManager[TakeWriter], buffers: FrameBuffers, frames: Iterable[KeptFrame], ends: threading.Event
+) -> TakeWriter:
+    """Writes frames of `buffers` as they come, and gives each back. Returns the take once it is whole.
+
+    It rests as long as it works while others are kept, unless the daemon `ends`. It asks for no lower priority: whoever
+    takes the interpreter must not be kept from giving it back, or the decoder would wait for both.
+
+    Raises RecordingError, which says where the frames until then are; so it does where there was none.
+    """
+    with begun as take:
+        try:
+            for kept in frames:
+                began_s, seen = time.monotonic(), buffers.seen
+                try:
+                    check_room(take.path.parent)
+                    take.write_kept(kept, buffers.picture_of(kept))
+                finally:
+                    buffers.give_back(kept)
+                if buffers.seen > seen:
+                    ends.wait(time.monotonic() - began_s)
+        except (LedpiError, OSError) as error:
+            part = take.path.with_name(take.path.name + PART)
+            there = f"; {take.written} frames are in {part}" if take.written else ""
+            raise RecordingError(f"{said_of(error)}{there}") from None
+        if take.written == 0:
+            raise RecordingError("no frame was decoded meanwhile, and nothing is written")
+    return take
+
+
+def said_of(error: Exception) -> str:
+    """In one line, also of the system's errors and of those that nobody has foreseen."""
+    if isinstance(error, LedpiError):
+        return str(error)
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return f"{type(error).__name__}: {error}"
 
 
 @contextmanager

@@ -8,16 +8,17 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import Future, wait
 from typing import Any
 
-from ledpi.core.errors import LedpiError, RecordingError
+from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.record_queue import MAX_BYTES, RecordQueue
 from ledpi.runtime.reporting import event
-from ledpi.runtime.takes import PART, Shown, Take, check_room, make_room, new_take, takes_folder
+from ledpi.runtime.takes import Shown, make_room, new_take, said_of, takes_folder, write_take
 from ledpi.tap.protocol import MAX_SECONDS, Request
 
 RECORDED = "recorded"  # in the name
@@ -59,7 +60,7 @@ class TapRecorder:
         try:
             answer = self._write(running.queue, request.seconds or MAX_SECONDS)
         except Exception as error:  # whatever it is, whoever asked must hear of it
-            failure = RecordingError(_said(error))
+            failure = RecordingError(said_of(error))
             _log.error(event("record_failed", reason=failure))
             self._running = None
             running.result.set_exception(failure)
@@ -100,7 +101,7 @@ class TapRecorder:
         try:
             make_room(self._folder, RECORDED, MAX_BYTES)
         except OSError as error:
-            raise RecordingError(_said(error)) from None
+            raise RecordingError(said_of(error)) from None
         made = _Recording(self._shown.camera.height, self._shown.camera.width)
         with self._changing:
             if self._ends.is_set():
@@ -109,39 +110,15 @@ class TapRecorder:
         return made
 
     def _write(self, queue: RecordQueue, seconds: float) -> dict[str, Any]:
-        until_s = time.monotonic() + seconds
-        first = queue.next(until_s)
-        if first is None:
-            raise RecordingError("no frame was decoded meanwhile, and nothing is written")
-        note = f"{self._shown.source}: as a client of the tap asked"
-        with new_take(self._folder, self._shown, RECORDED, note) as take:
-            kept: KeptFrame | None = first
-            while kept is not None:
-                self._write_one(take, queue, kept)
-                if self._ends.is_set() and time.monotonic() > self._given_up_s:
-                    queue.abandon()
-                    break
-                kept = queue.next(until_s)
+        begun = new_take(self._folder, self._shown, RECORDED, f"{self._shown.source}: as a client of the tap asked")
+        take = write_take(begun, queue, self._coming(queue, seconds), self._ends)
         return {"path": str(take.path), "frames": take.written, "dropped": queue.dropped}
 
-    def _write_one(self, take: Take, queue: RecordQueue, kept: KeptFrame) -> None:
-        """With a rest as long as the work, while frames come: the decoder needs the processor more."""
-        began_s, seen = time.monotonic(), queue.seen
-        try:
-            check_room(self._folder)
-            take.write(kept, queue.picture_of(kept))
-        except (LedpiError, OSError) as error:
-            part = take.path.with_name(take.path.name + PART)
-            there = f"; {take.written} frames are in {part}" if take.written else ""
-            raise RecordingError(f"{_said(error)}{there}") from None
-        queue.give_back(kept)
-        if queue.seen > seen:
-            self._ends.wait(time.monotonic() - began_s)
-
-
-def _said(error: Exception) -> str:
-    if isinstance(error, LedpiError):
-        return str(error)
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    return f"{type(error).__name__}: {error}"
+    def _coming(self, queue: RecordQueue, seconds: float) -> Iterator[KeptFrame]:
+        """Until the time is over; once the daemon ends, as far as there is time."""
+        until_s = time.monotonic() + seconds
+        while (kept := queue.next(until_s)) is not None:
+            yield kept
+            if self._ends.is_set() and time.monotonic() > self._given_up_s:
+                queue.abandon()
+                return

@@ -23,8 +23,8 @@ from ledpi.core.errors import RecordingError
 from ledpi.core.records import Frame, Pixels, Rejected, RobotFix
 from ledpi.pose.fix_history import CONTRADICTION
 from ledpi.recording.reader import load_recording
-from ledpi.runtime.recorder import LIVE_FILE
 from ledpi.runtime.rewind import AGAIN_NS, Rewind
+from ledpi.runtime.take_writer import LIVE_FILE
 from ledpi.runtime.takes import takes_folder
 from tests.builders.daemon import (
     COMMAND,

@@ -18,7 +18,7 @@ import pytest
 from ledpi.core.errors import RecordingError, TapError
 from ledpi.recording.reader import load_recording
 from ledpi.runtime import takes as takes_module
-from ledpi.runtime.recorder import LIVE_FILE
+from ledpi.runtime.take_writer import LIVE_FILE
 from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.tap.client import connect
 from ledpi.tap.protocol import Request

@@ -25,7 +25,8 @@ from ledpi.core.records import CameraInfo, Decoded, Frame, PanelSpec, Pixels, Re
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
-from ledpi.runtime.recorder import BEHIND, LIVE_FILE, WAITING, FolderWriter, Recorder
+from ledpi.runtime.recorder import BEHIND, WAITING, Recorder
+from ledpi.runtime.take_writer import LIVE_FILE, TakeWriter
 from tests.builders import DEADLINE_S, ROOT
 from tests.builders.daemon import SIMULATED as SETTINGS
 from tests.builders.tap import wait_until
@@ -75,8 +76,8 @@ def gate() -> Iterator[threading.Event]:
 
 def recorder(folder: Path, camera: Camera, pipeline: type[Pipeline] = Pipeline) -> Recorder:
     panels = load_config(None, ("panels.side_m=0.16",)).panels
-    writer = RecordingWriter(folder, camera=INFO, dictionary="DICT_4X4_50", panel=SPEC)
-    return Recorder(camera, FolderWriter(folder, writer), pipeline(INFO, panels, intrinsics=None))
+    writer = TakeWriter(folder, camera=INFO, dictionary="DICT_4X4_50", panel=SPEC)
+    return Recorder(camera, writer, pipeline(INFO, panels, intrinsics=None))
 
 
 def record(*arguments: str) -> subprocess.CompletedProcess[str]:
