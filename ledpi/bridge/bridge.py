@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from ledpi.bridge.mailbox import Mail, Mailbox
 from ledpi.bridge.target import BridgeError, Line, Target, TargetLostError
@@ -115,7 +115,7 @@ class Bridge:
             self.counters.refused += 1
 
     def _takes(self, frame: Line, now_ns: int) -> bool:
-        """Whether the target has it now. A frame that fits no message of the target is refused, and stops nothing."""
+        """Tells whether the target has it now. A frame that fits no message of it is refused, and stops nothing."""
         try:
             return self._target.send(frame, now_ns)
         except TransientError:
@@ -160,19 +160,7 @@ class Bridge:
         self._backoff_s = min(2 * self._backoff_s, BACKOFF_LAST_S)
 
     def _report(self) -> None:
-        done = self.counters
-        _log.info(
-            event(
-                "bridge",
-                output=self._name,
-                sent=done.sent,
-                replaced=done.replaced,
-                stale=done.stale,
-                refused=done.refused,
-                absent=done.absent,
-                opened=done.opened,
-            )
-        )
+        _log.info(event("bridge", output=self._name, **asdict(self.counters)))
 
 
 def _mail_of(line: Line) -> Mail:

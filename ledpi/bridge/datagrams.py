@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import socket
 
-from ledpi.bridge.payload import payload_of
+from ledpi.bridge.payload import BytesTarget
 from ledpi.bridge.sockets import lost
-from ledpi.bridge.target import Line
 from ledpi.config.outputs import OutputSettings
 
 
-class UdpTarget:
+class UdpTarget(BytesTarget):
     """An address that may or may not listen."""
 
     def __init__(self, settings: OutputSettings) -> None:
         self._host, self._port = settings.address
-        self._payload = payload_of(settings.format)
+        super().__init__(settings)
         self._socket: socket.socket | None = None
         self._address: tuple[object, ...] = ()
 
@@ -28,15 +27,6 @@ class UdpTarget:
             raise lost(self._host, error) from None
         self._socket = socket.socket(family, kind, protocol)
         self._socket.setblocking(False)
-
-    def tell_setup(self, hello: Line) -> None:
-        """Nothing: a listener may come at any time, and would have missed it."""
-
-    def send(self, frame: Line, now_ns: int) -> bool:
-        return self._write(self._payload.frame(frame, now_ns))
-
-    def tell_state(self, state: str, health: Line | None) -> None:
-        self._write(self._payload.state(state, health))
 
     def tick(self) -> None:
         """Nothing: there is no connection."""

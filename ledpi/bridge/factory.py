@@ -21,7 +21,7 @@ TARGETS: dict[Kind, tuple[str, str, str | None]] = {
 
 
 def target_class(name: str, kind: Kind) -> Callable[[OutputSettings], Target]:
-    """What makes a target of this kind. Raises BridgeError where its packages are missing."""
+    """Returns what makes a target of this kind. Raises BridgeError where its packages are missing."""
     module, target, extra = TARGETS[kind]
     try:
         made: Callable[[OutputSettings], Target] = getattr(import_module(f"ledpi.bridge.{module}"), target)

@@ -10,7 +10,7 @@ from ledpi.bridge.target import Line
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mail:
-    """What has come since the last look."""
+    """The lines that have come since the last look."""
 
     setup: Line | None = None  # a `hello`
     frame: Line | None = None  # a `decoded`

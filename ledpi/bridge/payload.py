@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from typing import Literal, Protocol
 
 from ledpi.bridge.target import Line
 from ledpi.bridge.wpilib_poses import pose_of
+from ledpi.config.outputs import OutputSettings
 from ledpi.core.errors import WireError
 from ledpi.tap.protocol import write_line
 from ledpi.wire.codec import encode
@@ -14,7 +16,7 @@ from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State,
 
 
 class Payload(Protocol):
-    """What is sent of a frame and of the daemon's state."""
+    """The bytes that are sent of a frame and of the daemon's state."""
 
     def frame(self, frame: Line, now_ns: int) -> bytes:
         """One frame's bytes; none where nothing was seen, if the form has nothing to say of that."""
@@ -32,6 +34,26 @@ def with_age(values: Line, now_ns: int) -> Line:
     """Adds how old it is (µs), and when it was exposed as Unix time (ns); both of `exposed_ns`."""
     age_ns = now_ns - values["exposed_ns"]
     return values | {"age_us": age_ns // 1000, "unix_ns": time.time_ns() - age_ns}
+
+
+class BytesTarget(ABC):
+    """A target that takes bytes: one write for each frame, and for the daemon's state."""
+
+    def __init__(self, settings: OutputSettings) -> None:
+        self._payload = payload_of(settings.format)
+
+    def tell_setup(self, hello: Line) -> None:  # noqa: B027
+        """Tells nothing: each frame says what it needs, and a listener may come at any time."""
+
+    def send(self, frame: Line, now_ns: int) -> bool:
+        return self._write(self._payload.frame(frame, now_ns))
+
+    def tell_state(self, state: str, health: Line | None) -> None:
+        self._write(self._payload.state(state, health))
+
+    @abstractmethod
+    def _write(self, data: bytes) -> bool:
+        """Writes all or nothing, and returns which. Raises TargetLostError."""
 
 
 class JsonPayload:

@@ -1,4 +1,4 @@
-"""What the kernel is told, and asked, about connections that carry poses."""
+"""Connections that carry poses: what the kernel is told of them, and asked."""
 
 from __future__ import annotations
 

@@ -8,31 +8,22 @@ import select
 import stat
 import sys
 
-from ledpi.bridge.payload import payload_of
-from ledpi.bridge.target import UNSENT_BYTES, Line
+from ledpi.bridge.payload import BytesTarget
+from ledpi.bridge.target import UNSENT_BYTES
 from ledpi.config.outputs import OutputSettings
 from ledpi.core.errors import TransientError
 
 
-class StdoutTarget:
+class StdoutTarget(BytesTarget):
     """Standard output. Where it is a pipe that nobody empties, frames are dropped."""
 
     def __init__(self, settings: OutputSettings) -> None:
-        self._payload = payload_of(settings.format)
+        super().__init__(settings)
         self._output = sys.stdout.fileno()
 
     def open(self) -> None:
         if stat.S_ISFIFO(os.fstat(self._output).st_mode):
             fcntl.fcntl(self._output, fcntl.F_SETPIPE_SZ, UNSENT_BYTES)
-
-    def tell_setup(self, hello: Line) -> None:
-        """Nothing: each frame says what it needs."""
-
-    def send(self, frame: Line, now_ns: int) -> bool:
-        return self._write(self._payload.frame(frame, now_ns))
-
-    def tell_state(self, state: str, health: Line | None) -> None:
-        self._write(self._payload.state(state, health))
 
     def tick(self) -> None:
         """Raises TransientError where the reader is gone, though nothing is written."""

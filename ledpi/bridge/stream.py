@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import socket
 
-from ledpi.bridge.payload import payload_of
+from ledpi.bridge.payload import BytesTarget
 from ledpi.bridge.sockets import keep_nothing_old, lost, unsent_bytes
-from ledpi.bridge.target import CONNECT_S, UNSENT_BYTES, Line, TargetLostError
+from ledpi.bridge.target import CONNECT_S, UNSENT_BYTES, TargetLostError
 from ledpi.config.outputs import OutputSettings
 
 
-class TcpTarget:
+class TcpTarget(BytesTarget):
     """One server. What it sends is read and thrown away."""
 
     def __init__(self, settings: OutputSettings) -> None:
         self._address = settings.address
         self._where = "{}:{}".format(*settings.address)
-        self._payload = payload_of(settings.format)
+        super().__init__(settings)
         self._socket: socket.socket | None = None
         self._rest = b""  # of a frame that was begun: its end must follow
 
@@ -28,15 +28,6 @@ class TcpTarget:
         except OSError as error:
             raise lost(self._where, error) from None
         self._rest = b""
-
-    def tell_setup(self, hello: Line) -> None:
-        """Nothing: each frame says what it needs."""
-
-    def send(self, frame: Line, now_ns: int) -> bool:
-        return self._write(self._payload.frame(frame, now_ns))
-
-    def tell_state(self, state: str, health: Line | None) -> None:
-        self._write(self._payload.state(state, health))
 
     def tick(self) -> None:
         """Notices where the server has closed."""

@@ -121,7 +121,7 @@ class _Publisher:
         self._sequence = 0
 
     def put(self, data: bytes) -> None:
-        """What cannot leave at once is dropped by Zenoh."""
+        """Sends it. What cannot leave at once is dropped by Zenoh."""
         self._sequence += 1
         self._publisher.put(data, attachment=attachment(self._sequence, time.time_ns(), self._gid))
 

@@ -309,11 +309,8 @@ while True:
 """
 
 
-class Zenoh(InProcess):
-    """A router, and a participant that knows rmw_zenoh's names and ROS 2's own types only."""
-
-    kind = "zenoh"
-    program = """
+# The beginning of a program: a router at the port that it is given, and ROS 2's own types.
+ZENOH_ROUTER = """
 import json, sys, time
 import zenoh
 from rosbags.typesys import Stores, get_typestore
@@ -324,6 +321,16 @@ config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{sys.argv[1]
 config.insert_json5("scouting/multicast/enabled", "false")
 session = zenoh.open(config)
 types = get_typestore(Stores.ROS2_JAZZY)
+"""
+
+
+class Zenoh(InProcess):
+    """A router, and a participant that knows rmw_zenoh's names and ROS 2's own types only."""
+
+    kind = "zenoh"
+    program = (
+        ZENOH_ROUTER
+        + """
 kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 
@@ -340,6 +347,7 @@ subscriber = session.declare_subscriber(f"0/ledpi/panel_7/{name}", hear)
 print("ready", flush=True)
 time.sleep(1e6)
 """
+    )
 
 
 class Stdout(Far):

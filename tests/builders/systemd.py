@@ -4,13 +4,29 @@ from __future__ import annotations
 
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from tests.builders import ROOT
 
-needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+ANALYZE = "systemd-analyze"
+needs_systemd = pytest.mark.skipif(shutil.which(ANALYZE) is None, reason="systemd-analyze is not installed")
+
+
+def said_of(unit: Path) -> str:
+    """What systemd has to say about a unit; nothing where all is well."""
+    done = subprocess.run([ANALYZE, "verify", "--man=no", str(unit)], capture_output=True, text=True, check=False)
+    assert (done.returncode == 0) == (done.stderr == ""), done
+    return done.stderr
+
+
+def assert_closed_in(unit: Path) -> None:
+    """systemd's own measure of what a service could do, from 0 to 10, is at most 2.5."""
+    command = [ANALYZE, "security", "--offline=true", "--no-pager", "--threshold=25", str(unit)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-200:] + done.stderr
 
 
 class Unit:

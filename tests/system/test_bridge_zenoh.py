@@ -16,22 +16,14 @@ pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
 from tests.builders import ROOT
-from tests.builders.bridges import bridge, free_port
+from tests.builders.bridges import ZENOH_ROUTER, bridge, free_port
 from tests.builders.daemon import daemon, write_recording
 from tests.builders.tap import at, reach
 
 # A router, and a node that subscribes to all that it is told of by liveliness tokens, as ROS 2's tools do.
-PARTICIPANT = """
-import json, sys, time
-import zenoh
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-config = zenoh.Config()
-config.insert_json5("mode", json.dumps("router"))
-config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{sys.argv[1]}"]))
-config.insert_json5("scouting/multicast/enabled", "false")
-session = zenoh.open(config)
-types = get_typestore(Stores.ROS2_JAZZY)
+PARTICIPANT = (
+    ZENOH_ROUTER
+    + """
 subscribers = {}
 
 
@@ -64,6 +56,7 @@ tokens = session.liveliness().declare_subscriber("@ros2_lv/0/**", meet, history=
 print("ready", flush=True)
 time.sleep(1e6)
 """
+)
 
 
 def heard_of(take: Path, folder: Path, frames: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
