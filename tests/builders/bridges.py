@@ -25,7 +25,7 @@ MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/s
 
 
 class Got(Protocol):
-    """What has arrived: (when, CLOCK_MONOTONIC ns; the frame's seq; its age in µs as it was told)."""
+    """Frames that have arrived: (when, CLOCK_MONOTONIC ns; the frame's seq; its age in µs as it was told)."""
 
     frames: list[tuple[int, int, int]]
 
@@ -404,11 +404,11 @@ class Running:
 
 @contextmanager
 def bridge(
-    settings: dict[str, Any], tap: Path, folder: Path, read: Callable[..., None] | None = None
+    settings: dict[str, Any], tap: Path, folder: Path, read: Callable[..., None] | None = None, max_age_ms: int = 100
 ) -> Iterator[Running]:
     """`settings`: of `outputs.far`. `read` gets its standard output."""
-    outputs = json.dumps({"far": settings})
-    command = [*LEDPI, "bridge", "far", "--set", f"outputs={outputs}", "--set", f"tap.socket={tap}"]
+    given = (f"outputs={json.dumps({'far': settings})}", f"tap.socket={tap}", f"serial.max_age_ms={max_age_ms}")
+    command = [*LEDPI, "bridge", "far", *(part for item in given for part in ("--set", item))]
     log = folder / "bridge.log"
     with log.open("w") as errors:
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,11 @@ pytest.importorskip("rosbags", reason="rosbags is not installed")
 
 from tests.builders import ROOT
 from tests.builders.bridges import ZENOH_ROUTER, bridge, free_port
-from tests.builders.daemon import daemon, write_recording
+from tests.builders.daemon import daemon, slowness, write_recording
 from tests.builders.tap import at, reach
 
 # A router, and a node that subscribes to all that it is told of by liveliness tokens, as ROS 2's tools do.
+LONG_MS = 10_000  # no pose grows too old, however busy the machine is
 PARTICIPANT = (
     ZENOH_ROUTER
     + """
@@ -59,42 +61,54 @@ time.sleep(1e6)
 )
 
 
-def heard_of(take: Path, folder: Path, frames: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """What the participant heard, and the tap's lines of a daemon that replays `take`."""
+def heard_of(take: Path, folder: Path, frames: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]], int]:
+    """Returns what the participant heard, and the tap's lines of a daemon that replays `take`."""
     port, path = free_port(), folder / "tap.sock"
     command = [sys.executable, "-c", PARTICIPANT, str(port)]
     participant = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     assert participant.stdout is not None
     assert participant.stdout.readline() == "ready\n"
+    heard: list[dict[str, Any]] = []
+    reader = threading.Thread(target=lambda lines: heard.extend(map(json.loads, lines)), args=(participant.stdout,))
+    reader.start()
     source = f"camera.source=recording:{take}"
     settings = {"kind": "zenoh", "host": "127.0.0.1", "port": port}
-    with bridge(settings, path, folder) as running:
-        with daemon(source, at(path), "serial.max_age_ms=1000", options=("--frames", str(frames))), reach(path) as tap:
+    with bridge(settings, path, folder, max_age_ms=LONG_MS) as running:
+        with (
+            daemon(source, at(path), f"serial.max_age_ms={LONG_MS}", options=("--frames", str(frames))),
+            reach(path) as tap,
+        ):
             told = [line for line in tap.lines() if line["type"] == "decoded"]
         counters = running.end()
+    count = -1
+    while count != len(heard):  # what is on its way
+        count = len(heard)
+        time.sleep(slowness())
     participant.kill()
-    heard = [json.loads(line) for line in participant.stdout]
+    reader.join()
     participant.stdout.close()
     participant.wait()
     assert counters["refused"] == counters["stale"] == 0
-    return heard, told
+    return heard, told, counters["replaced"]
 
 
 def test_every_pose_arrives_with_its_covariance_and_tf(tmp_path: Path) -> None:
     """From the first that both were there for; each as the tap tells it."""
     write_recording(tmp_path / "take", 30, rows=3 * 504)
-    heard, told = heard_of(tmp_path / "take", tmp_path, 30)
+    heard, told, replaced = heard_of(tmp_path / "take", tmp_path, 30)
     poses = [each["message"] for each in heard if each["topic"] == "/ledpi/panel_7"]
     transforms = [each["message"]["transforms"] for each in heard if each["topic"] == "/tf"]
     certain = [line["markers"][0] for line in told if line["markers"] and line["markers"][0]["alternate"] is None]
     offset_ns = time.time_ns() - time.monotonic_ns()
     assert len(certain) > 15
-    for arrived in (poses, transforms):
-        assert len(certain) - 8 <= len(arrived) <= len(certain)  # discovery takes a few frames
+    found = []
     for pose in poses:
         stamp = pose["header"]["stamp"]
         exposed_ns = stamp["sec"] * 10**9 + stamp["nanosec"] - offset_ns
-        marker = min(certain, key=lambda one, at_ns=exposed_ns: abs(one["exposed_ns"] - at_ns))
-        np.testing.assert_allclose(pose["pose"]["covariance"], marker["covariance"], rtol=1e-12)
+        found.append(min(range(len(certain)), key=lambda k, at_ns=exposed_ns: abs(certain[k]["exposed_ns"] - at_ns)))
+        np.testing.assert_allclose(pose["pose"]["covariance"], certain[found[-1]]["covariance"], rtol=1e-12)
+    assert len(found) > 3
+    for arrived in (poses, transforms):  # once it was discovered, all that the bridge has not replaced by newer ones
+        assert len(certain) - found[0] - replaced <= len(arrived) <= len(certain)
     assert {transform["child_frame_id"] for (transform,) in transforms} == {"panel_7"}
     assert {each["node"] for each in heard} == {"ledpi"}

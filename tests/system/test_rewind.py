@@ -92,6 +92,7 @@ def has_seen(line: Controller, markers: int) -> None:
     line.wait_for(lambda c: len(c.markers) >= markers)
 
 
+@pytest.mark.alone  # where others take the processor, live searches less than is needed to find a panel
 def test_sigusr1_saves_what_was_live(takes: Path) -> None:
     """Twice: the first decodes as it did live from its first frame on, as the daemon had; the second after a second."""
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
