@@ -1,4 +1,4 @@
-"""What `import ledpi` offers to Python programs: a reader of pictures, its lens, and the markers that it finds."""
+"""Names that `import ledpi` offers to Python programs: a reader of pictures, its lens, the markers that it finds."""
 
 from ledpi.api.fix import Fix
 from ledpi.api.lens import Lens

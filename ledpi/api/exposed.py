@@ -23,7 +23,7 @@ from ledpi.recording.still import still_camera
 
 
 class Read(NamedTuple):
-    """Of one picture."""
+    """The result of reading one picture."""
 
     markers: list[Marker]
     fix: Fix | None
@@ -32,7 +32,7 @@ class Read(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panels:
-    """What a reader looks for, and through which lens."""
+    """The panels that a reader looks for, and the lens that it looks through."""
 
     overrides: tuple[str, ...]  # of the configuration, as --set takes them
     lens: Intrinsics | None
@@ -53,7 +53,7 @@ class Panels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
-    """How the rows of a picture were exposed."""
+    """The exposure of a picture's rows."""
 
     row_time_us: float
     exposure_us: float
@@ -86,7 +86,7 @@ class Decoder:
         return Read(markers, fix_of(decoded.robot), dict(sorted(reasons.items())))
 
     def why_not(self, picture: Pixels) -> list[Reason]:
-        """Of a picture that stands alone."""
+        """Explains a picture that stands alone."""
         return reasons_of(self._frame(picture, 0, 0), self._camera, self._pipeline, self._lens)
 
     def _frame(self, picture: Pixels, seq: int, time_ns: int) -> Frame:

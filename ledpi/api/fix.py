@@ -1,4 +1,4 @@
-"""Where the robot is, as a program uses it."""
+"""The robot's place, as a program uses it."""
 
 from __future__ import annotations
 

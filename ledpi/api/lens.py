@@ -47,7 +47,7 @@ class Lens:
         size: tuple[int, int],
         model: DistortionModel | None = None,
     ) -> Lens:
-        """Of a 3 × 3 camera matrix, or its nine numbers: OpenCV's `cameraMatrix` and `distCoeffs`, ROS's `k` and `d`.
+        """Takes a 3 × 3 camera matrix, or nine numbers: OpenCV's `cameraMatrix` and `distCoeffs`, ROS's `k` and `d`.
 
         Raises ConfigError for a matrix of another form.
 

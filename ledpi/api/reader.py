@@ -83,12 +83,12 @@ class Reader:
 
     @property
     def rejected(self) -> dict[str, int]:
-        """What in the last picture was no marker: how often each reason of docs/troubleshooting.md."""
+        """Counts what in the last picture was no marker, by its reason of docs/troubleshooting.md."""
         return {} if self._read is None else dict(self._read.rejected)
 
     @property
     def fix(self) -> Fix | None:
-        """Where the last picture says the robot is; None where it does not, or there is no map."""
+        """Tells where the robot is by the last picture; None where that does not say, or there is no map."""
         return None if self._read is None else self._read.fix
 
     def read(self, image: Image, *, row_time_us: float, exposure_us: float = EXPOSURE_US) -> list[Marker]:
@@ -107,7 +107,7 @@ class Reader:
             return list(self._read.markers)
 
     def why_not(self, image: Image, *, row_time_us: float, exposure_us: float = EXPOSURE_US) -> list[Reason]:
-        """What in a picture looks like a panel and is not reported, with what helps; panels first. Takes a second.
+        """Explains what looks like a panel and is not reported, with what helps; panels first. Takes a second.
 
         Arguments and errors are as for `read`.
         """
@@ -161,7 +161,7 @@ def _mapping(name: str, value: object, example: str) -> dict[Any, Any]:
 
 
 def _whole_numbers(name: str, values: Sequence[int] | None) -> list[int] | None:
-    """Of text "23" each digit would be an ID."""
+    """Refuses text: of "23" each digit would be an ID."""
     if values is None:
         return None
     try:

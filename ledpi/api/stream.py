@@ -29,12 +29,12 @@ class Stream:
 
     @property
     def rejected(self) -> dict[str, int]:
-        """What in the last picture was no marker: how often each reason of docs/troubleshooting.md."""
+        """Counts what in the last picture was no marker, by its reason of docs/troubleshooting.md."""
         return {} if self._read is None else dict(self._read.rejected)
 
     @property
     def fix(self) -> Fix | None:
-        """Where the last picture says the robot is; None where it does not, or there is no map."""
+        """Tells where the robot is by the last picture; None where that does not say, or there is no map."""
         return None if self._read is None else self._read.fix
 
     def read(self, image: Image, *, time_ns: int) -> list[Marker]:

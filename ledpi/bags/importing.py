@@ -140,7 +140,7 @@ class Picture:
 
 
 def _pictures(items: Iterator[Item], path: Path, topic: str | None) -> Iterator[Picture]:
-    """Of one topic. The lens is the last that was told before the first picture."""
+    """Yields those of one topic. The lens is the last that was told before the first picture."""
     seen: set[str] = set()
     lens: Intrinsics | None = None
     for item in items:
@@ -224,7 +224,7 @@ def _of_video(path: Path) -> Iterator[Picture]:
 
 
 def _write(config: Config, pictures: Iterator[Picture], path: Path, out: Path, warn: Warn) -> Iterator[int]:
-    """What the pictures do not say comes from the configuration."""
+    """Writes them; what they do not say comes from the configuration."""
     first = next(pictures, None)
     if first is None:
         raise RecordingError(f"{path}: holds no pictures (sensor_msgs/Image or CompressedImage)")

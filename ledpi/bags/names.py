@@ -1,4 +1,4 @@
-"""What a bag of ours calls its topics, and the parts of a recording that no message holds."""
+"""The names of a bag's topics, and of the parts of a recording that no message holds."""
 
 from __future__ import annotations
 

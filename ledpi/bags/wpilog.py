@@ -70,7 +70,7 @@ def _new_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def _begin(log: WpilogWriter, at_us: int, offset_ns: int | None) -> None:
-    """What the values' bytes mean, and the time of day, where it is known, as WPILib's DataLogManager notes it."""
+    """Notes what the values' bytes mean, and the time of day, where it is known, as WPILib's DataLogManager does."""
     for struct_name, schema in SCHEMAS.items():
         log.add(f"NT:/.schema/struct:{struct_name}", "structschema", schema.encode(), at_us)
     if offset_ns is not None:

@@ -1,1 +1,1 @@
-"""Where frames come from. Nothing after `Camera.read` can tell which kind it is."""
+"""Sources of frames. Nothing after `Camera.read` can tell which kind it is."""

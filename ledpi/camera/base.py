@@ -17,7 +17,7 @@ class Camera(Protocol):
 
     @property
     def panel(self) -> PanelValues | None:
-        """What a recording says of its own panels, and the simulator of those that it draws; else None."""
+        """Tells what a recording says of its own panels, and the simulator of those that it draws; else None."""
         ...
 
     def read(self, into: Pixels) -> Frame | Rejected | None:
@@ -36,7 +36,7 @@ class Camera(Protocol):
 
 @runtime_checkable
 class AdjustableGain(Protocol):
-    """What a camera has beside that where its gain can follow the panels."""
+    """A camera whose gain can follow the panels."""
 
     @property
     def gain_limits(self) -> tuple[float, float] | None:

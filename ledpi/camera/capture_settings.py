@@ -1,4 +1,4 @@
-"""What is asked of the Pi's camera so that its bands can be read, and whether it does that. Pure functions."""
+"""The requests to the Pi's camera that make its bands readable, and whether it does as asked. Pure functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person should know of the exposure before they wonder why no panel is read."""
+"""Notes on the exposure that a person should have before they wonder why no panel is read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MIN_SHARE_OF_CONTRAST = 0.2
 
 
 def other_exposure(config: Config, info: CameraInfo) -> str | None:
-    """Where the camera exposes for another time than was asked for, by more than its whole rows explain.
+    """Says where the camera exposes for another time than was asked for, by more than its whole rows explain.
 
     None for a recording, which was exposed before it was asked.
     """
@@ -27,7 +27,7 @@ def other_exposure(config: Config, info: CameraInfo) -> str | None:
 
 
 def depths(panels: PanelSettings, exposure_us: float) -> dict[float, float]:
-    """How deep the bands of each frequency are, over the mean light, at the panels' least favourable duty."""
+    """Returns how deep the bands of each frequency are, over the mean light, at the panels' least favourable duty."""
     duties = {panels.duty, *(o.duty for o in panels.overrides.values() if o.duty is not None)}
     return {hz: min(contrast(hz, exposure_us, duty) for duty in duties) for hz in panels.frequencies_hz()}
 

@@ -40,7 +40,7 @@ def open_camera(
 
 
 def is_same_camera(one: Config, other: Config) -> bool:
-    """Whether `open_camera` opens the same, set up in the same way: what runs by the one will do for the other.
+    """Tells whether `open_camera` opens the same, set up in the same way: what runs by the one will do for the other.
 
     A lens is no matter of the camera, and panels are none but for the frame period; to the simulator they are.
     """

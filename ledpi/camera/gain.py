@@ -84,7 +84,7 @@ class GainControl:
 
 
 def brightest_level(frame: Frame, quads_px: Sequence[Floats]) -> float | None:
-    """How bright the brightest panel is, in linear light, 0..1 of full scale. None without panels.
+    """Returns how bright the brightest panel is, in linear light, 0..1 of full scale. None without panels.
 
     `quads_px`: corners (4, 2) of each. 1.0 where the share that stands for a panel is saturated.
     """

@@ -17,7 +17,7 @@ class GainFollower:
 
     @property
     def settled(self) -> bool:
-        """Whether there is nothing left to do for now."""
+        """Tells whether there is nothing left to do for now."""
         return self._control is None or self._control.settled
 
     def update(self, frame: Frame, decoded: Decoded) -> None:

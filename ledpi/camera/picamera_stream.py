@@ -60,7 +60,7 @@ class PicameraCamera:
 
     @property
     def info(self) -> CameraInfo:
-        """What was configured, with the camera's own row time."""
+        """Tells what was configured, with the camera's own row time."""
         return self._info
 
     @property
@@ -136,7 +136,7 @@ class PicameraCamera:
             raise CameraError("picamera2: SensorTimestamp is not of CLOCK_MONOTONIC; update libcamera")
 
     def _made_since(self, asked_ns: int, request: Any | None) -> Any | None:
-        """Of the frames that have waited since the camera was opened, none: a gap would follow them."""
+        """Finds none among the frames that have waited since the camera was opened: a gap would follow them."""
         while request is not None and request.get_metadata().get("SensorTimestamp", asked_ns) < asked_ns:
             request.release()
             request = self._next_request(STALL_PERIODS * self._period_s)

@@ -21,7 +21,7 @@ def picamera2_version() -> str | None:
 
 
 def is_too_old(picamera2: str | None) -> bool:
-    """Of one that does not say, nobody knows."""
+    """Tells whether it is; of one that does not say its version, nobody knows."""
     return picamera2 is not None and _numbers(picamera2) < _numbers(OLDEST)
 
 

@@ -14,7 +14,7 @@ BIT_DEPTH = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorFacts:
-    """What is not told by the camera itself, or needed before it is open."""
+    """Facts that the camera itself does not tell, or that are needed before it is open."""
 
     row_clocks: int  # pixel clocks from one row's start to the next's, blanking included
     shortest_frame_rows: int | None  # the driver's least frame, blanking included; None where drivers differ

@@ -46,7 +46,7 @@ def choose_frame_length_rows(*, shortest_rows: int, row_time_us: float, frequenc
 
 
 def _unlike(frequencies_hz: Sequence[float], period_us: float) -> bool:
-    """Whether no two classes advance alike."""
+    """Tells whether no two classes advance alike."""
     return all(
         abs(phase_advance_cycles(one + sign * other, period_us)) >= MIN_DIFFERENCE_CYCLES
         for one, other in _two_classes(frequencies_hz, period_us)
@@ -55,7 +55,7 @@ def _unlike(frequencies_hz: Sequence[float], period_us: float) -> bool:
 
 
 def _surely_moving(frequencies_hz: Sequence[float], period_us: float) -> bool:
-    """Whether of any two classes one moves although its oscillator is off; of a single class, whether that does."""
+    """Tells whether of any two classes one moves though its oscillator is off; of a single class, whether that does."""
     moving = {hz for hz in frequencies_hz if _moves_though_off(hz, period_us)}
     pairs = _two_classes(frequencies_hz, period_us)
     return all(not moving.isdisjoint(pair) for pair in pairs) if pairs else moving.issuperset(frequencies_hz)
@@ -73,7 +73,7 @@ def _two_classes(frequencies_hz: Sequence[float], period_us: float) -> list[tupl
 
 
 def frame_duration_us(rows: int, row_time_us: float) -> int:
-    """What to ask libcamera for, in whole µs, to get a frame of `rows`.
+    """Returns what to ask libcamera for, in whole µs, to get a frame of `rows`.
 
     It rounds down to whole rows. A quarter of a row more than needed outweighs the error of a row time that
     was itself derived from whole µs.
@@ -82,5 +82,5 @@ def frame_duration_us(rows: int, row_time_us: float) -> int:
 
 
 def exposure_honoured(*, asked_us: float, reported_us: float, row_time_us: float) -> bool:
-    """Whether the sensor exposes as asked: whole rows, rounded down, reported in µs, rounded down."""
+    """Tells whether the sensor exposes as asked: whole rows, rounded down, reported in µs, rounded down."""
     return math.floor(asked_us - row_time_us) <= reported_us <= asked_us

@@ -51,7 +51,7 @@ def _show_version(asked: bool) -> None:
 def _ledpi(
     version: bool = typer.Option(False, "--version", is_eager=True, callback=_show_version, help="Show it and exit."),
 ) -> None:
-    """What can be asked without a command."""
+    """Answers what can be asked without a command."""
 
 
 def main(loaded: Callable[[], None] = lambda: None) -> None:
@@ -86,7 +86,7 @@ def main(loaded: Callable[[], None] = lambda: None) -> None:
 
 
 class _OneLine(logging.Formatter):
-    """Of a warning that names a file, say, whose name has a line break."""
+    """Keeps a warning in one line, where the file that it names has a line break in its name."""
 
     def format(self, record: logging.LogRecord) -> str:
         return one_line(super().format(record))

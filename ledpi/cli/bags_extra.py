@@ -1,4 +1,4 @@
-"""What bags need beyond ledpi."""
+"""The packages that bags need beyond ledpi."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from ledpi.core.str_enum import StrEnum
 
 
 class KindName(StrEnum):
-    """What --kind may be."""
+    """The values of --kind."""
 
     CHESSBOARD = "chessboard"
     CHARUCO = "charuco"
@@ -23,7 +23,7 @@ DEFAULT_KIND, DEFAULT_COLS, DEFAULT_ROWS = KindName.CHARUCO, 6, 5
 
 
 class PaperName(StrEnum):
-    """What --paper may be."""
+    """The values of --paper."""
 
     A4 = "a4"
     LETTER = "letter"

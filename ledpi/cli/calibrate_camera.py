@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class ModelName(str, Enum):
-    """Of a lens, as `camera.yaml` names it."""
+    """The models of a lens, as `camera.yaml` names them."""
 
     plumb_bob = "plumb_bob"
     rational_polynomial = "rational_polynomial"

@@ -69,7 +69,7 @@ def map_(
 
 
 def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, float], Intrinsics]:
-    """What each frame shows, every panel's size, and the lens."""
+    """Reads a drive: what each frame shows, every panel's size, and the lens."""
     import numpy as np
 
     from ledpi.camera.recording import RecordingCamera

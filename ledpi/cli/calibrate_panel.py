@@ -31,7 +31,7 @@ def panel(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """What the panels in view really blink at → config.yaml.
+    """Measure what the panels in view really blink at → config.yaml.
 
     The frequencies go to panels.overrides; the older file is kept. Keep camera and panel still, about a metre apart.
     The command searches within 15 % of the configured (or recorded) frequencies. If a panel blinks as configured,

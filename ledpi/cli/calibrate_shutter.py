@@ -97,7 +97,7 @@ def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> Shutter
 
 
 def _reads(taken: Taken, panels: PanelSettings, result: ShutterCalibration, corners: Floats) -> bool:
-    """Whether the decoder reads the panel with the shutter as it was measured."""
+    """Tells whether the decoder reads the panel with the shutter as it was measured."""
     from dataclasses import replace
 
     from ledpi.pipeline.pipeline import Pipeline
@@ -148,7 +148,7 @@ def _write(result: ShutterCalibration, reported: Reported, file: Path | None) ->
 
 
 def _note(camera_yaml: Path, result: ShutterCalibration) -> None:
-    """What was measured, and when, beside the lens."""
+    """Notes what was measured, and when, beside the lens."""
     from datetime import date
     from typing import Any
 

@@ -150,7 +150,7 @@ def _changes(items: list[str]) -> dict[Key, Any]:
 
 
 def _without_null(value: object) -> object:
-    """Of panels that differ, only what differs."""
+    """Leaves of panels that differ only what differs."""
     if not isinstance(value, dict):
         return value
     return {key: _without_null(part) for key, part in value.items() if part is not None}

@@ -1,4 +1,4 @@
-"""What `ledpi decode` reads and where it draws: sorted out and checked before the first line is printed."""
+"""Inputs of `ledpi decode`, and where it draws: sorted out and checked before the first line is printed."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def check_names_differ(names: list[str]) -> None:
 
 
 def steps_folders(steps: Path | None, loaded: list[tuple[str, Recording]], pictures: list[Path]) -> list[Path | None]:
-    """Where each recording's steps are drawn: not over its own pictures, nor over another one's."""
+    """Returns where each recording's steps are drawn: not over its own pictures, nor over another one's."""
     if steps is None:
         return [None] * len(loaded)
     folders = [steps / name if len(loaded) + bool(pictures) > 1 else steps for name, _ in loaded]

@@ -25,7 +25,7 @@ _SIDE = "panels.side_m=0.16"
 
 
 class SuiteName(StrEnum):
-    """What --suite may be."""
+    """The values of --suite."""
 
     PAPER = "paper"
     BEYOND = "beyond"
@@ -35,7 +35,7 @@ class SuiteName(StrEnum):
 
 
 class MethodName(StrEnum):
-    """What --method may be."""
+    """The values of --method."""
 
     UEMURA = "uemura"
     LIKELIHOOD = "likelihood"
@@ -97,7 +97,7 @@ def evaluate(
     ),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """How often and how exactly panels are read; false IDs on decoys.
+    """Measure how often and how exactly panels are read.
 
     Frames are rendered from a seed, or come from a recording whose panel's distance and angle you give. Results go to
     DIR: results.csv, evaluation.md, plots. An interrupted run resumes.

@@ -1,4 +1,4 @@
-"""How `ledpi evaluate` shows its results."""
+"""Tables and lines in which `ledpi evaluate` shows its results."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ def _show(line: serial.Serial, receiver: Receiver, render: Callable[[Message], s
 
 
 def _is_mavlink(data: bytes) -> bool:
-    """Whether one MAVLink 2 frame follows another: magic, payload's length, no signature, ten bytes more of header."""
+    """Tells whether one MAVLink 2 frame follows another: magic, payload's length, no signature, ten bytes of header."""
     starts = (at for at in range(len(data) - 2) if data[at] == _MAVLINK_MAGIC and data[at + 2] == 0)
     ends = (at + data[at + 1] + _MAVLINK_AROUND for at in starts)
     return any(end + 2 < len(data) and data[end] == _MAVLINK_MAGIC and data[end + 2] == 0 for end in ends)
@@ -171,7 +171,7 @@ def _status_text(m: StatusMessage) -> str:
 
 
 def summary(counters: ReceiverCounters) -> str:
-    """What was received, in one line, as in `12 packets, 0 lost, 1 bad (crc 1)`."""
+    """Says in one line what was received, as in `12 packets, 0 lost, 1 bad (crc 1)`."""
 
     def by_reason(name: str, counts: dict[Any, int]) -> str:
         detail = ", ".join(f"{reason} {count}" for reason, count in sorted(counts.items()))

@@ -83,7 +83,7 @@ def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
 
 
 def _writer(out: Path, settings: Config, camera: CameraInfo, pipeline: Pipeline) -> FrameWriter:
-    """Of a folder, or of a bag."""
+    """Returns that of a folder, or of a bag."""
     from ledpi.cli.bags_extra import needs_bags
     from ledpi.runtime.take_writer import TakeWriter
 

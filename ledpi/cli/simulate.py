@@ -24,14 +24,14 @@ _STILL_IDS, _STILL_DISTANCE_M, _STILL_ANGLE_DEG = [7], 1.0, 0.0
 
 
 class SceneName(StrEnum):
-    """What --scene may be."""
+    """The values of --scene."""
 
     DRIVE = "drive"
     BOARD = "board"
 
 
 class TransferName(StrEnum):
-    """What --transfer may be."""
+    """The values of --transfer."""
 
     LINEAR = "linear"
     SRGB = "srgb"

@@ -95,7 +95,7 @@ def snapshot(
 
 
 def _open(path: Path | None, config: Path | None, overrides: list[str], seq: int | None) -> tuple[_Source, Config]:
-    """What is not the daemon's, with the settings of the configuration."""
+    """Opens what is not the daemon's, with the settings of the configuration."""
     from ledpi.config.settings import find_config, load_config
     from ledpi.recording.still import read_still
 
@@ -183,7 +183,7 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
 
 
 def reasons(why: Why) -> list[tuple[str, str]]:
-    """What is not read, and why, and what helps; what most likely is no panel is left out."""
+    """Lists what is not read, why, and what helps; what most likely is no panel is left out."""
     told = [(one.line, one.helps) for one in why.diagnoses if one.kind != "shape"]
     return told + [(note.says, note.helps) for note in why.notes]
 

@@ -43,12 +43,12 @@ def still_of(path: Path, config: Config, overrides: Sequence[str]) -> Still:
 
 
 def says_all(path: Path) -> bool:
-    """Whether a picture needs no configuration."""
+    """Tells whether a picture needs no configuration."""
     return _told(path) is not None
 
 
 def _told(path: Path) -> dict[str, Any] | None:
-    """What a picture says of itself; None also where it cannot be read, which whoever decodes it tells."""
+    """Returns what a picture says of itself; None also where it cannot be read, which whoever decodes it tells."""
     from ledpi.core.errors import RecordingError
     from ledpi.core.files import read_bytes
     from ledpi.recording.picture import MAX_BYTES

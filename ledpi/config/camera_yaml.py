@@ -28,7 +28,7 @@ def _camera_matrix(data: list[float]) -> list[float]:
 
 
 class _CameraInfo(BaseModel):
-    """What is read of a file; anything else in it is passed over."""
+    """The keys that are read of a file; anything else in it is passed over."""
 
     image_width: SidePx
     image_height: SidePx
@@ -90,7 +90,7 @@ def _intrinsics(form: LensForm) -> Intrinsics:
 
 
 def blind_note(lens: Intrinsics) -> str | None:
-    """What to say of a lens that does not give each pixel a direction of its own; None where it does."""
+    """Says that a lens does not give each pixel a direction of its own; None where it does."""
     share, from_px = blind_part(lens)
     if not share:
         return None

@@ -43,7 +43,7 @@ def mistakes_in_text(text: str, where: str) -> list[str]:
 def _values(
     raw: dict[str, Any], where: str, base: Path, from_command_line: set[str]
 ) -> tuple[list[str], Config | None]:
-    """What is wrong with keys and values; and the configuration, where each value is right by itself."""
+    """Finds what is wrong with keys and values; and the configuration, where each value is right by itself."""
     raw.setdefault("panels", {})
     rename_method(raw, where)
     try:

@@ -48,7 +48,7 @@ _COUNTS = (0, 4, 5, 8, 12, 14)  # of OpenCV's coefficients; the last two are of 
 
 
 class LensForm(NamedTuple):
-    """What a file says, by ROS's keys."""
+    """The contents of a file, by ROS's keys."""
 
     values: dict[str, Any]  # image_width, image_height, camera_matrix, distortion_coefficients: numbers, not checked
     names: dict[str, str]  # how the file calls each of them

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, in one line and in the configuration's own words."""
+"""Mistakes in a configuration, each in one line and in the configuration's own words."""
 
 from __future__ import annotations
 

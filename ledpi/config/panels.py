@@ -120,7 +120,7 @@ class PanelSettings(Section):
         return panels
 
     def has_antiphase(self) -> bool:
-        """Whether the classes of any panel blink in antiphase."""
+        """Tells whether the classes of any panel blink in antiphase."""
         return "antiphase" in self._phases()
 
     def _phases(self) -> set[Phase]:

@@ -12,7 +12,7 @@ EVALUATED = METHODS | {"told": "oracle"}  # what `ledpi evaluate --method` takes
 
 
 def current_name(name: str, renamed: dict[str, str], where: str) -> str:
-    """What `name` is called today. `where` names the key or option, as in `config.yaml: decode.method`."""
+    """Returns what `name` is called today. `where` names the key or option, as in `config.yaml: decode.method`."""
     if name not in renamed:
         return name
     print(f"ledpi: {one_line(where)}: {name} is now called {renamed[name]}", file=sys.stderr)

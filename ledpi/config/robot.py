@@ -1,4 +1,4 @@
-"""What the configuration says of the robot and its map, as the path needs it."""
+"""The robot and its map by the configuration, as the path needs them."""
 
 from __future__ import annotations
 

@@ -231,7 +231,7 @@ def sections(path: Path) -> dict[str, Any]:
 
 
 def _size_of_own_panels(raw: dict[str, Any]) -> None:
-    """What shows panels of its own needs no size of others: without a file, that of the example stands in."""
+    """Lets the example's size stand in, without a file, for a source that shows panels of its own."""
     camera, panels = raw.get("camera"), raw["panels"]
     source = str(camera.get("source")) if isinstance(camera, dict) else ""
     if source.partition(":")[0] in ("simulated", "recording") and isinstance(panels, dict):

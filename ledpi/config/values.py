@@ -66,7 +66,7 @@ _Quaternion = TypeVar("_Quaternion", bound=Sequence[float])
 
 
 def is_ip(text: str) -> bool:
-    """Whether it is the number of a machine on a network."""
+    """Tells whether it is the number of a machine on a network."""
     try:
         ipaddress.ip_address(text)
     except ValueError:
@@ -160,7 +160,7 @@ Angles = Annotated[tuple[Degrees, Degrees, Degrees], BeforeValidator(_three_numb
 
 
 class NoBooleans(BaseModel):
-    """What a person has written, where true is not taken for 1, and no name holds a character that no file's can."""
+    """Values that a person has written: true is not taken for 1, and no name holds a character that no file's can."""
 
     @field_validator("*", mode="before")
     @classmethod

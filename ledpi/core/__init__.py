@@ -1,1 +1,1 @@
-"""What everything else stands on: records, errors, equations of the shutter, geometry."""
+"""The ground on which everything else stands: records, errors, equations of the shutter, geometry."""

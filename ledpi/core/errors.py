@@ -1,4 +1,4 @@
-"""What can go wrong for good: one small tree. What is *expected* to go wrong on the path is a `Rejected` value.
+"""Errors for what goes wrong for good, in one small tree. What is *expected* to go wrong is a `Rejected` value.
 
 `str()` of each of these is one line for the user: the file, key or device, what is wrong, and what would be right.
 The command line prints it and exits with status 2: a person has to act. Status 1 is what trying again may put right.
@@ -21,7 +21,7 @@ class ConfigError(LedpiError):
 
 
 class TransientError(LedpiError):
-    """What may come right by itself: exit status 1, after which a service manager tries again."""
+    """A fault that may come right by itself: exit status 1, after which a service manager tries again."""
 
 
 class CameraError(LedpiError):

@@ -68,7 +68,7 @@ _PlainYaml.add_implicit_resolver(
 
 
 def read_bytes(path: Path, error: type[LedpiError], at_most: int = MAX_TEXT_BYTES) -> bytes:
-    """What the file holds. Raises `error` where it cannot be read, is no regular file, or is larger than `at_most`."""
+    """Returns what the file holds. Raises `error` where it cannot be read, is no regular file, or exceeds `at_most`."""
     try:
         _check_regular(path.stat())  # before it is opened, as to open a device may set it going
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC), "rb") as file:
@@ -138,12 +138,12 @@ def read_text(path: Path, error: type[LedpiError], at_most: int = MAX_TEXT_BYTES
 
 
 def read_yaml(path: Path, error: type[LedpiError]) -> Any:
-    """What the file holds. Raises `error` where it cannot be read, is no YAML, or gives a key twice."""
+    """Returns what the file holds. Raises `error` where it cannot be read, is no YAML, or gives a key twice."""
     return parse_yaml(read_text(path, error), path, error)
 
 
 def parse_yaml(text: str, where: object, error: type[LedpiError]) -> Any:
-    """What the text says. Raises `error`, which begins with `where`, as `read_yaml` does."""
+    """Returns what the text says. Raises `error`, which begins with `where`, as `read_yaml` does."""
     try:
         return yaml.load(text, _PlainYaml)
     except _RepeatedKeyError as caught:

@@ -75,7 +75,7 @@ def rotation_vector(matrix: Floats) -> Floats:
 
 
 def quad_area(corners: Sequence[Sequence[float]]) -> float:
-    """Of four corners (x, y), numbers by numbers; positive where they run clockwise in the picture."""
+    """Computes the area of four corners (x, y), number by number; positive where they run clockwise in the picture."""
     (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
     return 0.5 * ((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))
 
@@ -92,7 +92,7 @@ def quad_middle(corners: Sequence[Sequence[float]]) -> tuple[float, float]:
 
 
 def corners_apart(corners: Sequence[Sequence[float]], others: Sequence[Sequence[float]]) -> float:
-    """How far a corner of one square is from the nearest corner of the other, at most; in whichever order both are."""
+    """Returns how far a corner of one square is from the nearest of the other, at most; in whichever order both are."""
     return max(min(math.dist(at, there) for there in others) for at in corners)
 
 
@@ -126,7 +126,7 @@ def apply_homography(homography: Floats, points: Floats) -> Floats:
 
 
 def project_to_quad(corners: Floats, places: Floats) -> Floats:
-    """Where places (N, 2) of the unit square are seen whose corners are seen at `corners` (4, 2): (N, 2)."""
+    """Returns where places (N, 2) of the unit square are seen whose corners are seen at `corners` (4, 2): (N, 2)."""
     return apply_homography(unit_square_homography(corners), places)
 
 

@@ -123,7 +123,7 @@ class PanelSpec:
         return (self.black_hz,) if self.phase == "antiphase" else (self.black_hz, self.white_hz)
 
     def blinking(self) -> str:
-        """How it blinks, in words."""
+        """Says in words how it blinks."""
         hz = " and ".join(f"{hz:g}" for hz in self.waves_hz)
         return f"{hz} Hz in antiphase" if self.phase == "antiphase" else f"{hz} Hz"
 
@@ -134,7 +134,7 @@ class PanelSpec:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraInfo:
-    """What is known of a camera once it is configured, or of the one that made a recording."""
+    """All that is known of a camera once it is configured, or of the one that made a recording."""
 
     width: int
     height: int
@@ -153,7 +153,7 @@ class CameraInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelValues:
-    """What a source knows of the panels that it shows; a recording's own values override the configuration's."""
+    """Values of panels that their source knows; a recording's own override the configuration's."""
 
     dictionary: str
     side_m: float
@@ -191,7 +191,7 @@ class Frame:
         return replace(self, row0_readout_ns=self.row0_readout_ns + scan_ns, row_time_us=-self.row_time_us)
 
     def drop_picture(self) -> Frame:
-        """What may be kept of it: the picture's room will hold another."""
+        """Returns what may be kept of it: the picture's room will hold another."""
         return replace(self, pixels=_NO_PICTURE)
 
 

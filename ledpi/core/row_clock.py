@@ -70,7 +70,7 @@ class RowClock:
 
 
 def row_time_note(row_time_us: float, ratio: float) -> str:
-    """What to tell the user where `row_time_us` is `ratio` times the reported one."""
+    """Says what to tell the user where `row_time_us` is `ratio` times the reported one."""
     return (
         f"the frames' times say that a row takes {row_time_us:.2f} µs, not {row_time_us / ratio:.2f} µs as reported; "
         "row time and exposure are corrected"

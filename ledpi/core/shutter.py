@@ -99,7 +99,7 @@ def band_width_rows(frequency_hz: float, *, rows: int, scan_time_s: float) -> fl
 
 
 def phase_advance_cycles(frequency_hz: float, frame_period_us: float) -> float:
-    """How far the bands move from frame to frame, in cycles, nearest to zero: within [−0.5, 0.5].
+    """Returns how far the bands move from frame to frame, in cycles, nearest to zero: within [−0.5, 0.5].
 
     Near 0 two frames show the same bands, and their difference shows none.
     """

@@ -1,4 +1,4 @@
-"""How text for people is put: in one line, values not too long for it, and with nouns that suit their number."""
+"""Text for people: in one line, with values not too long for it, and with nouns that suit their number."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def shortened_name(name: object) -> str:
 
 
 def install_command(extra: str) -> str:
-    """What installs an extra for the interpreter that runs: another `pip` on the path would install it elsewhere."""
+    """Returns what installs an extra for the interpreter that runs: another `pip` on the path would do so elsewhere."""
     return f"{shlex.quote(sys.executable)} -m pip install 'ledpi[{extra}]'"
 
 

@@ -59,7 +59,7 @@ class NotRead:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
-    """What is wrong with it, and what helps."""
+    """A thing that is not read: what is wrong with it, and what helps."""
 
     corners_px: Floats  # (4, 2)
     why: str
@@ -81,14 +81,14 @@ class Diagnosis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Note:
-    """What the whole picture lacks for panels to be read."""
+    """Something that the whole picture lacks for panels to be read."""
 
     says: str
     helps: str
 
 
 def not_read_in(trace: Trace) -> list[NotRead]:
-    """What a frame's path has dropped, with its cells where it came so far."""
+    """Lists what a frame's path has dropped, with its cells where it came so far."""
     looked_at = {square.quad.corners_px.tobytes(): square for square in trace.squares}
     found = []
     for dropped in trace.dropped:
@@ -126,7 +126,7 @@ def in_order(diagnoses: list[Diagnosis]) -> list[Diagnosis]:
 
 
 def picture_notes(frame: Frame, panels: PanelSettings) -> list[Note]:
-    """What holds for every panel in it: the exposure, the light, the focus."""
+    """Notes what holds for every panel in it: the exposure, the light, the focus."""
     notes = []
     if (null := _null(frame, panels)) is not None:
         notes.append(Note(says=null.says, helps=null.helps))
@@ -144,12 +144,12 @@ def picture_notes(frame: Frame, panels: PanelSettings) -> list[Note]:
 
 
 def found_cells(one: NotRead) -> bool:
-    """Whether the cells of a panel were found there, and no ID."""
+    """Tells whether the cells of a panel were found there, and no ID."""
     return one.marker_id is None and one.why.startswith("identify.")
 
 
 def worth_a_guess(frame: Frame, one: NotRead) -> bool:
-    """Whether it may be a panel of another kind, which takes time to find out."""
+    """Tells whether it may be a panel of another kind, which takes time to find out."""
     if one.marker_id is not None or side_px(one.corners_px) < SMALLEST_PX:
         return False
     return one.why.partition(".")[0] in _AFTER_FIT or look_at(frame, one.corners_px).brighter >= LIT
@@ -205,7 +205,7 @@ def _not_reported(marker_id: int, why: str, panels: PanelSettings) -> Mistake:
 
 
 def _symptom(frame: Frame, panels: PanelSettings, one: NotRead, look: Look) -> Mistake | None:
-    """What the picture shows to be wrong with something that may be a panel."""
+    """Says what the picture shows to be wrong with something that may be a panel."""
     if look.full_share > MOST_FULL:
         return Mistake(f"too bright: {100 * look.full_share:.0f} % of its pixels are full", _LESS_LIGHT)
     if (null := _null(frame, panels)) is not None:

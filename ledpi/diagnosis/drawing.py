@@ -76,7 +76,7 @@ def text(
 
 
 def _stroke(canvas: Canvas, letter: str, x: tuple[int, int], baseline: int, length: int, colour: Colour) -> None:
-    """What makes ± of a + (a line below it), and µ of an u (a stem that goes down)."""
+    """Draws what makes ± of a + (a line below it), and µ of an u (a stem that goes down)."""
     start, end = ((x[0] + 2, baseline + 2), (x[1] - 2, baseline + 2))
     if letter == "µ":
         start, end = (x[0] + 1, baseline), (x[0] + 1, baseline + length)

@@ -46,7 +46,7 @@ def draw_markers(
 
 
 def scaled(pixels: Floats, scale: float) -> Floats:
-    """Where pixels (N, 2), whose centres have whole numbers, lie in the picture resized."""
+    """Returns where pixels (N, 2), whose centres have whole numbers, lie in the picture resized."""
     resized: Floats = (pixels + 0.5) * scale - 0.5
     return resized
 

@@ -1,4 +1,4 @@
-"""How a four-sided thing looks in the picture: how bright, how full, how sharp, how square. Pure."""
+"""The looks of a four-sided thing in the picture: how bright, how full, how sharp, how square. Pure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_BLUR_PX = 8.0  # what is blurred more is blurred by this
 
 
 class Look(NamedTuple):
-    """Of one thing."""
+    """The look of one thing."""
 
     level: float  # median of its pixels, 0 to 255
     brighter: float  # its linear light over that of the ring around it, of their medians

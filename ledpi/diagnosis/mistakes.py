@@ -1,4 +1,4 @@
-"""What a panel's cells show that is no word, if it is a word that was built, wired or configured otherwise.
+"""Words behind a panel's cells that show none: of panels that were built, wired or configured otherwise.
 
 For people who look why a panel is not read: it is a hint, never an ID.
 """
@@ -17,7 +17,7 @@ SURE_NATS = 3.0  # of every cell's class: with less, too many patterns fit
 
 
 class Mistake(NamedTuple):
-    """What a panel looks like, and what is to be done about it."""
+    """The word that a panel looks like, and what is to be done about it."""
 
     says: str
     helps: str

@@ -22,7 +22,7 @@ APART = 1.2  # that a panel's two frequencies are: nearer ones cannot be told ap
 
 
 class Waves(NamedTuple):
-    """What each of the frequencies F explains."""
+    """The shares that each of the frequencies F explains."""
 
     hz: Floats  # (F,)
     score: Floats  # (F, cells, 2)

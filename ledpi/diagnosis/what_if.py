@@ -1,4 +1,4 @@
-"""What a frame would show if panels were built, wired or configured otherwise: it is read once more under each guess.
+"""Guesses at panels that were built, wired or configured otherwise: a frame is read once more under each.
 
 The path that reads panels does the reading, with all that it asks for before it reports an ID. So a hint is as sure as
 an ID, of a frame alone. It takes some hundred times as long as following panels does: for people who look, not for
@@ -54,7 +54,7 @@ class WhatIf:
         self._to_make = self._make_guesses()
 
     def readings(self, frame: Frame, places_px: Sequence[Floats], found_px: Sequence[Floats]) -> list[Supposed]:
-        """What is read near `places_px` (4, 2 each), each place by the first guess that explains it.
+        """Reads near `places_px` (4, 2 each), each place by the first guess that explains it.
 
         `found_px`: those of them at which the cells of a panel were found.
         """
@@ -157,6 +157,6 @@ def _is_among(at: Floats, readings: Sequence[Supposed]) -> bool:
 
 
 def same_place(one: Floats, other: Floats) -> bool:
-    """Whether two quads (4, 2) may be of one thing: the middle of the smaller lies in the inner half of the larger."""
+    """Tells whether two quads (4, 2) may be of one thing: the smaller's middle lies in the larger's inner half."""
     apart = float(np.hypot(*(one.mean(axis=0) - other.mean(axis=0))))
     return apart < 0.35 * max(quad_side(one.tolist()), quad_side(other.tolist()))

@@ -30,7 +30,7 @@ _LEAST_PRIORITY = 10
 
 
 class Why(NamedTuple):
-    """Of one frame."""
+    """The explanations of one frame."""
 
     diagnoses: list[Diagnosis]
     notes: list[Note]
@@ -55,7 +55,7 @@ class WhyNot:
         return self._why(frame, not_read, read_px, supposed)
 
     def explain_at_once(self, frame: Frame, not_read: Sequence[NotRead], read_px: Sequence[Floats]) -> Why:
-        """What can be said now; guesses are those of a frame just before, and are made anew beside."""
+        """Explains what can be said now; guesses are those of a frame just before, and are made anew beside."""
         now_s = time.monotonic()
         if now_s >= self._next_s:
             self._next_s = float("inf")

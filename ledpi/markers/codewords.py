@@ -98,7 +98,7 @@ class Dictionary:
         return tuple(np.flatnonzero(like).tolist())
 
     def none_readable(self, phase: Phase) -> str:
-        """What to say where `readable_ids` has none."""
+        """Says why `readable_ids` has none."""
         return f"no ID of {self.name} can be distinguished from the others in {phase}; panels.phase must be free"
 
     def correctable_cells(self, phase: Phase = "free") -> int:

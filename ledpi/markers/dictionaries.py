@@ -33,7 +33,7 @@ def meant_name(name: str) -> str:
 
 
 def is_file(name: str) -> bool:
-    """Whether a dictionary's name is that of a file."""
+    """Tells whether a dictionary's name is that of a file."""
     return name.endswith(FILE_ENDINGS)
 
 
@@ -93,7 +93,7 @@ def read_dictionary(path: Path) -> Dictionary:
 
 
 def _values(path: Path) -> dict[str, Any]:
-    """What the file says of each key. Not read by OpenCV: lists nested deeply enough end the process in there."""
+    """Returns what the file says of each key. Not read by OpenCV: deeply nested lists end the process in there."""
     if not path.exists():
         raise ValueError(f"{path}: no such file; must be a dictionary, as OpenCV's writeDictionary writes it")
     try:

@@ -1,4 +1,4 @@
-"""What is known of four corners: when each was seen, and how their errors hang together."""
+"""Knowledge of four corners: when each was seen, and how their errors hang together."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ IMPOSSIBLE = 26.1  # χ² of eight coordinates that chance exceeds once in 1,000
 
 
 def centre_px(corners_px: Floats) -> tuple[float, float]:
-    """Where the middle of a square (4, 2) is seen: where its diagonals cross, which a perspective keeps."""
+    """Returns where the middle of a square (4, 2) is seen: where its diagonals cross, which a perspective keeps."""
     (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners_px.tolist()
     across = (cx - ax) * (dy - by) - (cy - ay) * (dx - bx)
     if across == 0.0:
@@ -30,7 +30,7 @@ def centre_px(corners_px: Floats) -> tuple[float, float]:
 
 
 def corners_at_row(corners_px: Floats, velocity_px_s: Floats | None, row: float | Floats, row_time_us: float) -> Floats:
-    """Where corners (…, 4, 2) would be seen if all were exposed when `row` (…, 1, 1) was.
+    """Returns where corners (…, 4, 2) would be seen if all were exposed when `row` (…, 1, 1) was.
 
     A rolling shutter sees each corner at its own row's time, `y·t_row`: a camera that moves sees the square sheared.
     Without a velocity (…, 4, 2) they are taken as they are.

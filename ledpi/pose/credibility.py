@@ -29,14 +29,14 @@ class Credibility:
         self._odds[one][other] = self._odds[other][one] = odds
 
     def is_credible(self, used: Iterable[int], rejected: Iterable[int]) -> bool:
-        """Whether a fix by the panels `used` may be believed, if this frame's `rejected` contradict it.
+        """Tells whether a fix by the panels `used` may be believed, if this frame's `rejected` contradict it.
 
         More panels must speak for each of them than for those that contradict it, less those that speak against it.
         """
         return all(self._standing(u) > self._standing(r) for u in used for r in self._opponents(u, rejected))
 
     def are_opposed(self, some: Iterable[int], others: Iterable[int]) -> bool:
-        """Whether one of `some` has contradicted one of `others`."""
+        """Tells whether one of `some` has contradicted one of `others`."""
         return any(self._odds[s].get(o, PRIOR) >= 0.0 for s in some for o in others)
 
     def _opponents(self, panel: int, rejected: Iterable[int]) -> set[int]:

@@ -1,4 +1,4 @@
-"""Where the robot is: one pose from all corners of all panels that the map knows.
+"""The robot's place: one pose from all corners of all panels that the map knows.
 
 Everything is brought to one moment, and weighed by how well it is known: corners by their fit, panels by what the map
 says of its own deviations. The panels' own poses are only where the joint solution starts from.
@@ -43,7 +43,7 @@ ONE_POSE = 1.0  # solutions that are no further apart than one deviation are one
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Robot:
-    """How the camera sits on the robot, and the map that it drives in."""
+    """The camera's seat on the robot, and the map that the robot drives in."""
 
     base_link_from_camera: Floats  # (4, 4)
     panels: PanelMap | None = None
@@ -208,7 +208,7 @@ def _matrix(solution: PlanarSolution) -> Floats:
 
 
 def _agrees(fits: Fits, panels: int) -> bool:
-    """Whether the best χ² is one that chance gives: Wilson and Hilferty's cube is normal."""
+    """Tells whether the best χ² is one that chance gives: Wilson and Hilferty's cube is normal."""
     freedom = 8 * panels - 6
     spread = 2 / (9 * freedom)
     return bool(fits.chi2.min() < freedom * (1 - spread + AGREE_Z * math.sqrt(spread)) ** 3)

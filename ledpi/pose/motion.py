@@ -1,4 +1,4 @@
-"""How a robot moves: how far it may have come between two looks at a panel or at the map."""
+"""A robot's motion: how far it may have come between two looks at a panel or at the map."""
 
 from __future__ import annotations
 

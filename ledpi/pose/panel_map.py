@@ -1,4 +1,4 @@
-"""Where the panels are: what a map holds, once it is read. Pure."""
+"""The places of panels: what a map holds, once it is read. Pure."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Placer:
             self._fixes = FixSolver(self._intrinsics, robot, robot.panels, self._sides_m)
 
     def place(self, frame: Frame, detections: list[Detection]) -> list[MarkerPose | Rejected]:
-        """Of each detection its pose, or why it has none."""
+        """Gives each detection its pose, or the reason why it has none."""
         rows = [centre_px(s.corners_px)[1] for s in detections]
         if self._intrinsics is None:
             return [_marker(frame, s, row, None, None) for s, row in zip(detections, rows, strict=True)]
@@ -67,7 +67,7 @@ class Placer:
         return placed
 
     def fix(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected | None:
-        """Where the robot is in the map, or the reason why not; None without a map or a panel."""
+        """Returns the robot's place in the map, or the reason why not; None without a map or a panel."""
         return self._fixes.solve(frame, markers) if self._fixes is not None and markers else None
 
 

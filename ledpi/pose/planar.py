@@ -104,7 +104,7 @@ def _checked(one: PlanarSolution, other: PlanarSolution, square: _Square) -> Sol
 
 
 def _least_reprojection_px(square: _Square) -> float:
-    """Of the pose that is nearest in pixels. The weighted one may be far off corners of which little is known."""
+    """Returns that of the pose nearest in pixels. The weighted one may be far off corners of which little is known."""
     whiten, side_m = whiteners(np.zeros((1, 8, 8))), np.array([square.side_m])
     found, _ = kernel.solve_squares(square.corners_px[None], whiten, side_m, square.lens, STOP)
     return float(found[0, :, kernel.REPROJECTION].min())

@@ -1,4 +1,4 @@
-"""What stands in a recording's files, value by value (format 1); recording.py checks them against each other.
+"""Contents of a recording's files, value by value (format 1); recording.py checks them against each other.
 
 Keys that are not known here are passed over, so that a recording may hold more than this version reads.
 """

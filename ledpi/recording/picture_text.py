@@ -1,4 +1,4 @@
-"""What a saved picture says of its camera and its panels: JSON in a text chunk of its PNG (specification §11.3.3.2)."""
+"""Words of a saved picture on its camera and its panels: JSON in a text chunk of its PNG (specification §11.3.3.2)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def with_text(png: bytes, values: Mapping[str, Any]) -> bytes:
 
 
 def text_of(data: bytes) -> dict[str, Any] | None:
-    """What `with_text` wrote; None where the bytes are no PNG, or say nothing of the kind."""
+    """Returns what `with_text` wrote; None where the bytes are no PNG, or say nothing of the kind."""
     for name, content in _chunks(data):
         keyword, _, text = content.partition(b"\0")
         if name == b"tEXt" and keyword == KEYWORD and len(text) <= MAX_BYTES:

@@ -20,7 +20,7 @@ _DEPTHS = (8, 10, 12, 14, 16)  # bits, of the 16 in which sensors' values are st
 
 
 def still_camera(settings: CameraSettings) -> CameraInfo:
-    """What the configuration says of the camera that took a picture. Raises ConfigError where it leaves that open."""
+    """Returns the camera that took a picture, by the configuration. Raises ConfigError where that leaves it open."""
     if settings.row_time_us == "auto":
         raise ConfigError(
             "a picture file has no row time: add --set camera.row_time_us=33.67 (OV5647; other cameras: "

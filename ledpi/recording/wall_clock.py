@@ -8,5 +8,5 @@ from ledpi.core.records import Frame
 
 
 def unix_offset_ns(frame: Frame) -> int:
-    """What to add to the frame's clock to get Unix time, as this machine's clocks stand now."""
+    """Returns what to add to the frame's clock to get Unix time, as this machine's clocks stand now."""
     return time.time_ns() - time.monotonic_ns() + frame.host_offset_ns

@@ -154,7 +154,7 @@ def _writing(path: Path) -> Iterator[Path]:
 
 
 def header_of(camera: CameraInfo, dictionary: str, panel: PanelSpec) -> Header:
-    """What recording.yaml says of its camera and panels."""
+    """Returns what recording.yaml says of its camera and panels."""
     return Header(camera=_camera_section(camera), panel=PanelSection(dictionary=dictionary, **asdict(panel)))
 
 

@@ -44,7 +44,7 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Names:
-    """What topics and frames of reference are called."""
+    """Names of topics and of frames of reference."""
 
     topic: str = "/ledpi"
     camera_frame: str = "camera_optical_frame"
@@ -161,7 +161,7 @@ def _transform(marker: Values, names: Names, unix_offset_ns: int) -> Values:
 
 
 def _with_covariance(pose: Values) -> Values:
-    """What is not known has a variance that gives it no weight."""
+    """Gives what is not known a variance that gives it no weight."""
     covariance = pose.get("covariance")
     if covariance is None:
         unknown: Floats = UNKNOWN_VARIANCE * np.eye(6)

@@ -57,13 +57,13 @@ _log = logging.getLogger("ledpi")
 
 
 class Left(NamedTuple):
-    """What a daemon leaves to the next one: running, and not to be opened again."""
+    """Things that a daemon leaves to the next one: running, and not to be opened again."""
 
     camera: Camera | None
     publisher: Publisher | None
 
     def close(self) -> None:
-        """Where there is no next one."""
+        """Closes them, as there is no next one."""
         if self.camera is not None:
             with suppress(CameraError, OSError):
                 self.camera.close()
@@ -141,7 +141,7 @@ class Daemon:
 
     @property
     def calibrated(self) -> bool:
-        """Whether the lens is known, and poses can be sent."""
+        """Tells whether the lens is known, and poses can be sent."""
         return self._calibrated is not None
 
     def stop(self) -> None:
@@ -324,7 +324,7 @@ class Daemon:
                 last, health_s = totals, now_s
 
     def _steps(self, totals: Totals) -> int:
-        """How often there was progress: in frames, within a frame, or in opening a lost camera until that gives up."""
+        """Counts progress: in frames, within a frame, or in opening a lost camera until that gives up."""
         return totals.health.decoded + self._partial_results + totals.health.rejected.get(LOST.key, 0)
 
     def _totals(self) -> Totals:
@@ -343,7 +343,7 @@ def _join(thread: threading.Thread) -> None:
 
 
 def _warn(config: Config, pipeline: Pipeline, info: CameraInfo, robot: Robot) -> None:
-    """Of what is no error, and probably not meant."""
+    """Warns of what is no error, and probably not meant."""
     if note := unreadable_note(config, robot.panels):
         _log.warning("map: %s", note)
     for note in exposure_notes(config, pipeline.panels, info):

@@ -66,17 +66,17 @@ class FrameBuffers(ABC):
         return replace(kept.frame, pixels=self._pictures[kept.slot].view())
 
     def give_back(self, kept: KeptFrame) -> None:
-        """What was taken is written."""
+        """Frees the room of what was taken, and is written."""
         with self._changing:
             self._free.append(kept.slot)
 
     @property
     def room(self) -> int:
-        """How many pictures fit before there is no free room."""
+        """Counts the pictures that fit before there is no free room."""
         with self._changing:
             return len(self._free)
 
 
 def follows(new: Frame, old: Frame) -> bool:
-    """Whether a recording may hold both, one after the other."""
+    """Tells whether a recording may hold both, one after the other."""
     return new.seq > old.seq and new.row0_readout_ns > old.row0_readout_ns

@@ -1,4 +1,4 @@
-"""What the daemon has done so far: counters by stage and reason, and how long the stages take."""
+"""The daemon's work so far: counters by stage and reason, and how long the stages take."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class HealthSnapshot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageTimes:
-    """Of the recent frames: median and 99th percentile in milliseconds."""
+    """Times of the recent frames: median and 99th percentile in milliseconds."""
 
     decode_ms: tuple[float, float] | None = None  # find to pose; None before the first frame
     stages_ms: dict[str, tuple[float, float]] = field(default_factory=dict)  # in the order of the path

@@ -39,7 +39,7 @@ class _Member(NamedTuple):
 
 
 class _Archive(NamedTuple):
-    """Where each file of a take lies in its tar file."""
+    """The place of each file of a take in its tar file."""
 
     of: tuple[str, int, int]  # name, inode and time of the folder
     starts: tuple[int, ...]
@@ -121,7 +121,7 @@ def _descriptor(path: Path, flags: int = os.O_DIRECTORY, at: int | None = None) 
 
 
 def _is_at_rest(folder: int) -> bool:
-    """Whether no daemon writes there: it holds a lock as long as it does."""
+    """Tells whether no daemon writes there: it holds a lock as long as it does."""
     try:
         fcntl.flock(folder, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:

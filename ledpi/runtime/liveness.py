@@ -1,4 +1,4 @@
-"""Whether the camera delivers, and whether the decoder keeps up: the controller hears which of the two is at fault."""
+"""A lost camera, told apart from a decoder that is behind: the controller hears which of the two is at fault."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ class Liveness:
 
     @property
     def lost(self) -> bool:
-        """Whether the camera delivers nothing."""
+        """Tells whether the camera delivers nothing."""
         with self._lock:
             return self._is_lost()
 
     @property
     def behind(self) -> bool:
-        """Whether frames come, and are decoded more than 0.2 s after they were read out."""
+        """Tells whether frames come, and are decoded more than 0.2 s after they were read out."""
         with self._lock:
             return self._late or self._is_behind()
 

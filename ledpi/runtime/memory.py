@@ -1,4 +1,4 @@
-"""How much memory there is for what is only kept in case it is asked for."""
+"""Memory for what is only kept in case it is asked for: how much there is."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def default_budget_bytes() -> int:
 
 
 def spare_bytes() -> int | None:
-    """What this process may take beside its work; None where nothing limits it."""
+    """Returns what this process may take beside its work; None where nothing limits it."""
     limit = limit_bytes()
     return None if limit is None else max(0, limit - OWN_BYTES)
 
 
 def limit_bytes(own: Path = Path("/proc/self/cgroup"), groups: Path = _CGROUPS) -> int | None:
-    """What systemd's MemoryMax= allows this process's cgroup, and those that it is in; None where nothing limits it.
+    """Returns what systemd's MemoryMax= allows this process's cgroup and those that it is in; None where nothing does.
 
     Only of cgroups' second version, the one that systemd limits memory by; `own`: as /proc/self/cgroup.
     """

@@ -20,7 +20,7 @@ from ledpi.tap.server import Tap
 
 
 class Observers:
-    """Of one daemon. `trace` and `keep` are for its decode thread, the rest for its main one."""
+    """Observers of one daemon. `trace` and `keep` are for its decode thread, the rest for its main one."""
 
     def __init__(
         self, config: Config, pipeline: Pipeline, camera: CameraInfo, period_ms: float, setup: Setup, tap: Tap | None
@@ -54,7 +54,7 @@ class Observers:
         return self._rewind.save(cause)
 
     def trace(self) -> Trace | None:
-        """What the next frame's decoding is to fill in; None: nothing."""
+        """Returns what the next frame's decoding is to fill in; None: nothing."""
         return None if self._tap is None else self._tap.trace()
 
     def keep(self, frame: Frame, decoded: Decoded, search_budget: int, trace: Trace | None) -> None:
@@ -74,7 +74,7 @@ class Observers:
 
     @property
     def has_followers(self) -> bool:
-        """Whether anybody would get what `send_health` sends."""
+        """Tells whether anybody would get what `send_health` sends."""
         return self._tap is not None and self._tap.is_followed
 
     def send_health(self, health: dict[str, Any]) -> None:

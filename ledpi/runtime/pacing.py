@@ -1,4 +1,4 @@
-"""How much a frame may search, so that it takes about a frame period on the machine that it runs on."""
+"""The budget of a frame's search, so that it takes about a frame period on the machine that it runs on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MEMORY = 0.05  # weight of a new frame: speeds change as processors are throttle
 
 @dataclass(slots=True)
 class Pacing:
-    """Of one daemon. The decoder counts its work in places; only here is it known how long these take."""
+    """Pacing of one daemon. The decoder counts its work in places; only here is it known how long these take."""
 
     period_ms: float
     unit_ms: float = 0.0003  # that a place takes, all else counted in: before the first frame, a PC's; a Pi's is 0.0015

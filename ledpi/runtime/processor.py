@@ -25,7 +25,7 @@ class Processor:
 
 
 def read_processor(sys: Path = SYS) -> Processor:
-    """What the files say now; a file that is absent or says nonsense is None."""
+    """Returns what the files say now; a file that is absent or says nonsense is None."""
     temperature = _number(sys / _TEMPERATURE, 10)
     throttled = next((_number(file, 16) for file in sys.glob(_THROTTLED)), None)
     if throttled is None and any(_number(file, 10) == 1 for file in sys.glob(_LOW_VOLTAGE)):

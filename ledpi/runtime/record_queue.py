@@ -58,7 +58,7 @@ class RecordQueue(FrameBuffers):
                 self._waiting.put(None)
 
     def abandon(self) -> None:
-        """What waits is no part of the recording: it is dropped, and counted. For the thread that writes."""
+        """Drops what waits, as no part of the recording, and counts it. For the thread that writes."""
         self.close()
         while self._waiting.get() is not None:
             self.dropped += 1

@@ -35,7 +35,7 @@ BEHIND = WAITING // 4  # of them: the encoders are behind, and the decoder leave
 
 @dataclass(slots=True)
 class Recorded:
-    """What became of the frames so far."""
+    """The fate of the frames so far."""
 
     written: int = 0
     decoded: int = 0
@@ -53,7 +53,7 @@ class _Job(NamedTuple):
 
 
 class FrameWriter(Protocol):
-    """What takes the frames, and what was decoded of them meanwhile; a context. Raises RecordingError."""
+    """A context that takes the frames, and what was decoded of them meanwhile. Raises RecordingError."""
 
     def __enter__(self) -> object: ...
 

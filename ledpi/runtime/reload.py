@@ -42,7 +42,7 @@ class Reading:
         return None if self._thread.is_alive() else self._result
 
     def is_slow(self) -> bool:
-        """Whether it takes so long that somebody should know; True once only."""
+        """Tells whether it takes so long that somebody should know; True once only."""
         if self._slow_is_told or time.monotonic() - self._began_s < SLOW_S:
             return False
         self._slow_is_told = True

@@ -1,4 +1,4 @@
-"""What a run has come to, and how the journal hears of it: single lines, `key=value` where a program may read them."""
+"""Reports of a run to the journal: single lines, `key=value` where a program may read them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Totals:
-    """What a run came to."""
+    """The sums of a run."""
 
     health: HealthSnapshot
     times: StageTimes
@@ -29,7 +29,7 @@ class Totals:
 
 
 def is_service() -> bool:
-    """Whether a service manager has started us, and its journal takes our lines."""
+    """Tells whether a service manager has started us, and its journal takes our lines."""
     return "NOTIFY_SOCKET" in os.environ
 
 
@@ -54,7 +54,7 @@ class _NeverWaiting(logging.StreamHandler):  # type: ignore[type-arg]  # Python 
 
 
 def _is_ready(stream: TextIO) -> bool:
-    """Whether it takes a line at once; a file always does."""
+    """Tells whether it takes a line at once; a file always does."""
     try:
         poll = select.poll()
         poll.register(stream.fileno(), select.POLLOUT)

@@ -24,7 +24,7 @@ _log = logging.getLogger("ledpi")
 
 
 class Rewind:
-    """Of one daemon. `keep` is for its decode thread, `save` for any, `tick` for the one that watches."""
+    """A daemon's last seconds. `keep` is for its decode thread, `save` for any, `tick` for the one that watches."""
 
     def __init__(
         self, settings: RewindSettings, pipeline: Pipeline, camera: CameraInfo, period_ms: float, source: str
@@ -51,7 +51,7 @@ class Rewind:
 
     @property
     def kept_s(self) -> float:
-        """How many seconds are kept now."""
+        """Tells how many seconds are kept now."""
         return self._ring.kept_s
 
     def start(self) -> None:
@@ -105,7 +105,7 @@ class Rewind:
 
 
 def _contradicts(decoded: Decoded) -> bool:
-    """Whether a panel of the map is not where the others say."""
+    """Tells whether a panel of the map is not where the others say."""
     if decoded.robot is not None:
         return bool(decoded.robot.panels_rejected)
     return CONTRADICTION in decoded.rejected

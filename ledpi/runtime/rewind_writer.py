@@ -1,4 +1,4 @@
-"""What was kept, written as a recording: in a thread of its own, one picture at a time, with a rest after each."""
+"""The last seconds, written as a recording: in a thread of its own, a picture at a time, with a rest after each."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ _SLOTS = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RingCounters:
-    """What became of the frames so far: published = taken + dropped, and one more while a frame waits."""
+    """The fate of the frames so far: published = taken + dropped, and one more while a frame waits."""
 
     published: int
     taken: int
@@ -101,7 +101,7 @@ class FrameRing:
 
     @property
     def closed(self) -> bool:
-        """Whether `close` was called. A `take` that then gives None is the last."""
+        """Tells whether `close` was called. A `take` that then gives None is the last."""
         return self._closed
 
     def counters(self) -> RingCounters:

@@ -58,7 +58,7 @@ class Service:
         self._asked_to_save = True
 
     def run(self) -> Totals:
-        """What the last daemon came to. Raises what stopped it."""
+        """Runs daemons, one after the other; returns what the last came to. Raises what stopped it."""
         try:
             while True:
                 totals = self._daemon.run(self._handle_requests)
@@ -98,7 +98,7 @@ class Service:
             self._daemon.hand_over(result)
 
     def _change_to(self, config: Config) -> Daemon:
-        """What only the camera shows to be wrong brings the old configuration back."""
+        """Changes to it; what only the camera shows to be wrong brings the old configuration back."""
         notify("WATCHDOG=1")  # the old daemon has ended as it should; a camera, or two, may be about to be opened
         tap, left = self._tap, self._daemon.left
         try:

@@ -1,4 +1,4 @@
-"""What the controller is told of how the daemon is, and why there is no fix."""
+"""The status for the controller: how the daemon is, and why there is no fix."""
 
 from __future__ import annotations
 

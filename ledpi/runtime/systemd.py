@@ -1,4 +1,4 @@
-"""What a service of Type=notify tells systemd: sd_notify(3) without its library. Elsewhere: nothing."""
+"""Words of a service of Type=notify to systemd: sd_notify(3) without its library. Elsewhere: nothing."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class TakeWriter(RecordingWriter):
 
     @property
     def path(self) -> Path:
-        """Where it is once it is whole."""
+        """Its place once it is whole."""
         return self._folder.with_name(self._folder.name.removesuffix(PART))
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""What the daemon writes beside its work: recordings of what it decoded, in a folder of the service or of the user."""
+"""Recordings that the daemon writes beside its work, of what it decoded: in a folder of the service or of the user."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _OLD = re.compile(rf"\d{{8}}T\d{{6}}Z-({'|'.join(AUTOMATIC)})(-\d+)?({re.escape(
 
 
 class Shown(NamedTuple):
-    """What a recording says of its camera and its panels."""
+    """A recording's words on its camera and its panels."""
 
     camera: CameraInfo
     dictionary: str
@@ -111,7 +111,7 @@ def _in_work(folder: Path) -> Iterator[None]:
 
 
 def takes_folder() -> Path:
-    """Where recordings are written: in the service's StateDirectory=, else in the user's own."""
+    """Returns where recordings are written: in the service's StateDirectory=, else in the user's own."""
     given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     if given:
         return Path(given)

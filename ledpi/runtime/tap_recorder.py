@@ -37,7 +37,7 @@ class _Recording:
 
 
 class TapRecorder:
-    """Of one daemon. `keep` is for its decode thread, `record` and `stop` for the tap's, the rest for its main one."""
+    """A daemon's recordings. `keep` is for its decode thread, `record` and `stop` for the tap's; else its main."""
 
     def __init__(self, pipeline: Pipeline, camera: CameraInfo, source: str) -> None:
         """`camera`: with the lens that poses are solved with."""

@@ -1,4 +1,4 @@
-"""What the daemon tells those who follow its tap, and where that is."""
+"""Answers of the daemon to those who follow its tap, and where that is."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def close_tap(tap: Tap | None, but: Tap | None = None) -> None:
 def setup_of(
     config: Config, camera: CameraInfo, panels: PanelSettings, lens: Intrinsics | None, panel_map: PanelMap | None
 ) -> Setup:
-    """What a follower is told first. `panels`: with what the camera knows better."""
+    """Returns what a follower is told first. `panels`: with what the camera knows better."""
     return Setup(
         pid=os.getpid(),
         camera=camera,
@@ -73,7 +73,7 @@ def setup_of(
 
 
 class RecentPackets:
-    """What became of the packets of the last seconds: counters since the start hide what is wrong now."""
+    """The fate of the packets of the last seconds: counters since the start hide what is wrong now."""
 
     def __init__(self, now: PublisherCounters) -> None:
         self._counters = deque([now], maxlen=RECENT_S + 1)

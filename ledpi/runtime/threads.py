@@ -1,4 +1,4 @@
-"""What holds for the whole process of a daemon: how soon threads get the interpreter, that memory is kept, its end."""
+"""Rules for the whole process of a daemon: how soon threads get the interpreter, that memory is kept, its end."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ NO_THREAD = "the system gives this process no further thread; end others, or rai
 
 
 def is_no_thread(error: BaseException) -> bool:
-    """Whether Python could not start a thread, for which it has no exception of its own."""
+    """Tells whether Python could not start a thread, for which it has no exception of its own."""
     return isinstance(error, RuntimeError) and "start new thread" in str(error)
 
 

@@ -14,7 +14,7 @@ FEEDS = 6
 
 
 def watchdog_period_s() -> float | None:
-    """How often to send `WATCHDOG=1`: each 1.7 s of a WatchdogSec=10; None where no watchdog watches us."""
+    """Returns how often to send `WATCHDOG=1`: each 1.7 s of a WatchdogSec=10; None where no watchdog watches us."""
     limit_us, watched = os.environ.get("WATCHDOG_USEC", ""), os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not limit_us.isdecimal() or int(limit_us) == 0 or watched != str(os.getpid()):
         return None

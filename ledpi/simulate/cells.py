@@ -1,4 +1,4 @@
-"""How light is spread over the cells of a panel's face: diffuser, LEDs that shine through it, and the walls between.
+"""Light over the cells of a panel's face: diffuser, LEDs that shine through it, and the walls between.
 
 Walls may stand out before the diffuser, by `PanelAppearance.depth`. What is seen through a cell's opening then depends
 on where the camera is: the line of sight through the point p of the opening ends on the diffuser, at p + depth · (p −

@@ -71,7 +71,7 @@ def expose_still(surface: Surface, camera_from_surface: Floats, sensor: Simulate
 
 @dataclass(frozen=True, slots=True)
 class _Drift:
-    """Where what a pixel p sees at time t is in the picture of t0: p + slope·s + bend·s², s = (t − t0)/h.
+    """The way of what a pixel p sees, in the picture of t0: p + slope·s + bend·s² at time t, s = (t − t0)/h.
 
     Known at the region's node pixels; exact at t0 − h, t0 and t0 + h.
     """
@@ -160,7 +160,7 @@ def _swept(surface: Surface, poses: tuple[Floats, ...], sensor: SimulatedSensor)
 
 
 def _place_at_pose(rays: Floats, seen: Floats, there: Floats, lens: Intrinsics) -> Floats:
-    """Where what `rays` (N, 2) see of a surface at pose `seen` is in the picture at pose `there`."""
+    """Returns where what `rays` (N, 2) see of a surface at pose `seen` is in the picture at pose `there`."""
     ray_to_ray = np.asarray(plane_homography(there) @ np.linalg.inv(plane_homography(seen)), np.float64)
     return distort(apply_homography(ray_to_ray, rays), lens)
 

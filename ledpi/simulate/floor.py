@@ -1,4 +1,4 @@
-"""What a glossy floor shows: each surface upside down, dimmer, and a little blurred."""
+"""A glossy floor's image: each surface upside down, dimmer, and a little blurred."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class _Mirrored:
 
 
 def mirrored(surface: Surface, floor: Floor) -> Surface:
-    """What the floor shows of a surface: light on top of the floor's own, in the same waves."""
+    """Returns what the floor shows of a surface: light on top of the floor's own, in the same waves."""
     *lights, opacity = surface.planes
     sigma = max(floor.blur * lights[0].shape[1], 0.1)
     pad = int(np.ceil(3.0 * sigma))

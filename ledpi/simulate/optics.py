@@ -49,7 +49,7 @@ class Region:
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """Of a picture's rows and columns."""
+        """Returns those of a picture's rows and columns."""
         return slice(self.y0, self.y1), slice(self.x0, self.x1)
 
     def grown(self, by: int) -> Region:
@@ -57,7 +57,7 @@ class Region:
         return Region(self.x0 - by, self.y0 - by, self.x1 + by, self.y1 + by)
 
     def intersection(self, other: Region) -> Region | None:
-        """What both share, if it is at least 2 × 2 pixels."""
+        """Returns what both share, if it is at least 2 × 2 pixels."""
         x0, y0 = max(self.x0, other.x0), max(self.y0, other.y0)
         x1, y1 = min(self.x1, other.x1), min(self.y1, other.y1)
         return Region(x0, y0, x1, y1) if x1 - x0 > 1 and y1 - y0 > 1 else None
@@ -75,7 +75,7 @@ def project(points_m: Floats, camera_from_body: Floats, intrinsics: Intrinsics) 
 
 
 def seen_at(point_m: Floats, pose_at: PoseAt, sensor: SimulatedSensor, seq: int) -> tuple[Floats, float]:
-    """Where a body's point (3,) is in the picture, (2,) px, and when, in s: at its own row's mid-exposure.
+    """Returns where a body's point (3,) is in the picture, (2,) px, and when, in s: at its row's mid-exposure.
 
     Rows beyond the picture's edges are counted on, so that a point out of view has a place too.
     """
@@ -89,7 +89,7 @@ def seen_at(point_m: Floats, pose_at: PoseAt, sensor: SimulatedSensor, seq: int)
 
 
 def shows_front(camera_from_body: Floats) -> bool:
-    """Whether the camera sees the front of a flat body: its z axis comes towards the camera."""
+    """Tells whether the camera sees the front of a flat body: its z axis comes towards the camera."""
     position = camera_from_body[:3, 3]
     return bool(camera_from_body[:3, 2] @ position < -_EDGE_ON * np.linalg.norm(position))
 
@@ -176,7 +176,7 @@ def apply_homography(homography: Floats, points: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Blur:
-    """What the lens makes of a point: a disc, and that smoothed."""
+    """The lens's image of a point: a disc, and that smoothed."""
 
     psf_sigma_px: float
     defocus_px: float = 0.0
@@ -188,7 +188,7 @@ class Blur:
 
     @property
     def margin_px(self) -> int:
-        """How far beyond its outline a surface's light reaches."""
+        """Returns how far beyond its outline a surface's light reaches."""
         return math.ceil(4 * self.psf_sigma_px + self.defocus_px) + 2
 
     @property
@@ -229,7 +229,7 @@ def _blur_kernel(psf_sigma_px: float) -> Image:
 def irradiance(
     surface: Surface, camera_from_surface: Floats, region: Region, intrinsics: Intrinsics, blur: Blur
 ) -> tuple[Image, ...]:
-    """What a pixel centred at each sample would collect of each plane: (3·height, 3·width) each.
+    """Returns what a pixel centred at each sample would collect of each plane: (3·height, 3·width) each.
 
     Sample i of a row is at pixel x0 + (i − 1)/3. Samples nearer than the blur's margin to the region's
     border are right only where the surface does not change beyond it.

@@ -1,4 +1,4 @@
-"""What there is to photograph, and with what: panels, other lights, a room, a sensor. Frozen records.
+"""Things to photograph, and what with: panels, other lights, a room, a sensor. Frozen records.
 
 Everything stands in the `scene` frame: x right, y down, z ahead, metres; the camera's optical frame while
 the camera has not moved. Levels are linear light in shares of the sensor's full scale, so 1.0 saturates. A
@@ -24,7 +24,7 @@ FIRST_READOUT_NS = 1_000_000_000  # frame 0; oscillators run from t = 0, so no e
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelAppearance:
-    """How the light is spread over a panel's face. Lengths are shares of a cell's pitch."""
+    """The light over a panel's face. Lengths are shares of a cell's pitch."""
 
     gap: float = 0.06  # dark wall between neighbouring cells; the lit grid's outer edge has none
     equal_cells: bool = False  # all of one size; else they meet on a lattice, and those at the rim are larger

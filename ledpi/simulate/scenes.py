@@ -39,7 +39,7 @@ def ov5647_lens(width: int = 640, height: int = 480) -> Intrinsics:
 
 
 def whole_rows_us(exposure_us: float, row_time_us: float) -> float:
-    """What the sensor makes of an exposure that is asked for: whole rows, rounded down, four at least."""
+    """Returns what the sensor makes of an exposure that is asked for: whole rows, rounded down, four at least."""
     rows = math.floor(exposure_us / row_time_us + 1e-6)
     return max(rows, _MIN_EXPOSURE_ROWS) * row_time_us
 
@@ -122,7 +122,7 @@ MAP_FROM_SCENE = transform(CAMERA_LINK_FROM_CAMERA, np.array([0.0, 0.0, 1.2]))
 
 
 def drive_map(side_m: float = _DRIVE_SIDE_M) -> PanelMap:
-    """Where the panels of the drive hang, placed without an error that matters."""
+    """Returns where the panels of the drive hang, placed without an error that matters."""
     scale = side_m / _DRIVE_SIDE_M
     return {
         marker_id: MapPanel(

@@ -24,7 +24,7 @@ def srgb_oetf(level: Floats) -> Floats:
 
 
 def sensor_info(sensor: SimulatedSensor, reported_row_time: float = 1.0) -> CameraInfo:
-    """What the driver says of the camera; of the row time, as many times the true one."""
+    """Returns what the driver says of the camera; of the row time, as many times the true one."""
     return CameraInfo(
         width=sensor.intrinsics.width,
         height=sensor.intrinsics.height,

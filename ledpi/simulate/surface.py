@@ -121,7 +121,7 @@ def light_surface(light: Light) -> Surface:
 
 
 def print_surface(printed: Print, room: Room) -> Surface:
-    """What is printed: as the paper and the ink return the room's light."""
+    """Prints something: as the paper and the ink return the room's light."""
     modules = np.pad(printed.modules, printed.quiet_modules, constant_values=True)
     columns = printed.modules.shape[1]
     texels = min(max(32, PANEL_TEXELS // columns), max(1, PRINT_TEXELS // columns))  # a module

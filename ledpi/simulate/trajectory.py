@@ -1,4 +1,4 @@
-"""How bodies move: the pose scene_from_body as a function of time, as (4, 4) matrices."""
+"""Motions of bodies: the pose scene_from_body as a function of time, as (4, 4) matrices."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Trajectory(Protocol):
 
     @property
     def moves(self) -> bool:
-        """Whether the pose ever changes: what stands still is rendered once."""
+        """Tells whether the pose ever changes: what stands still is rendered once."""
         ...
 
     def scene_from_body(self, t_s: float) -> Floats:

@@ -1,4 +1,4 @@
-"""Where the panels really are: what a recording's truth.jsonl holds of a frame."""
+"""The panels' true places: what a recording's truth.jsonl holds of a frame."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _is_before_camera(corners_m: Floats, camera_from_marker: Floats) -> bool:
 
 
 def _is_in_view(corners: Floats, lens: Intrinsics) -> tuple[bool, bool]:
-    """Whether any of a quad is in the picture, and whether all of it is."""
+    """Tells whether any of a quad is in the picture, and whether all of it is."""
     right, bottom = lens.width - 0.5, lens.height - 0.5
     picture = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]], np.float32)
     shared_area = cv2.intersectConvexConvex(corners.astype(np.float32), picture)[0]

@@ -1,4 +1,4 @@
-"""What is behind everything: a made-up wall across the view, square to the scene's z axis, without end."""
+"""The background of everything: a made-up wall across the view, square to the scene's z axis, without end."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Wall:
         return np.asarray(seen, np.float32)
 
     def _texels(self, camera_motion: Trajectory, seq: int) -> Floats:
-        """Where the node pixels see the painted picture: a quadratic in time through three of the rows."""
+        """Returns where the node pixels see the painted picture: a quadratic in time through three of the rows."""
         last = self._sensor.intrinsics.height - 1.0
         at_rows = []
         for row in (0.0, last / 2.0, last):

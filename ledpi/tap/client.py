@@ -160,7 +160,7 @@ class Client:
 
 
 class _Buffer:
-    """What has come of a connection, and is not yet a whole line."""
+    """Bytes that have come of a connection, and are not yet a whole line."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection

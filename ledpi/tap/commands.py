@@ -1,4 +1,4 @@
-"""What clients may tell the daemon to do. It takes its time, so each runs in a thread of its own."""
+"""Commands of clients to the daemon. Each takes its time, and so runs in a thread of its own."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class Crowd:
                 os.eventfd_read(self._bell)
 
     def requests(self) -> Iterator[tuple[Follower, Request]]:
-        """What clients ask, one line of each. What is no request is answered here."""
+        """Yields what clients ask, one line of each. What is no request is answered here."""
         for follower in list(self):
             try:
                 line = follower.request()
@@ -74,7 +74,7 @@ class Crowd:
                 follower.answer(write_line(error(str(mistake), mistake.id)))
 
     def send(self) -> None:
-        """What each takes now; who is gone, or takes nothing for long, is left."""
+        """Sends what each takes now; who is gone, or takes nothing for long, is left."""
         now_s = time.monotonic()
         for fd, follower in list(self._followers.items()):
             if not follower.send() or follower.is_dead(now_s):
@@ -84,7 +84,7 @@ class Crowd:
 
     @property
     def waiting_bytes(self) -> int:
-        """Of all that waits for any of them."""
+        """Counts all that waits for any of them."""
         return sum(follower.waiting_bytes for follower in self)
 
     def close(self) -> None:

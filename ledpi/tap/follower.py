@@ -77,17 +77,17 @@ class Follower:
 
     @property
     def has_request(self) -> bool:
-        """Whether a line is here that may be asked for at once."""
+        """Tells whether a line is here that may be asked for at once."""
         return self.listens and b"\n" in self._heard
 
     @property
     def listens(self) -> bool:
-        """Whether it may ask more; what it sends meanwhile waits in its own buffer."""
+        """Tells whether it may ask more; what it sends meanwhile waits in its own buffer."""
         return not self.ending and self.open_answers + len(self._sending) < MOST_ANSWERS
 
     @property
     def hears(self) -> bool:
-        """Whether there is any use in waiting for what it sends."""
+        """Tells whether there is any use in waiting for what it sends."""
         return self.listens and not self._asks_no_more
 
     def show(self, line: bytes) -> None:
@@ -100,7 +100,7 @@ class Follower:
         self._health = line
 
     def answer(self, line: bytes, raw: Pixels | bytes | None = None) -> None:
-        """What must arrive."""
+        """Queues what must arrive."""
         self._sending.append(memoryview(line))
         if raw is not None:
             self._sending.append(memoryview(raw if isinstance(raw, bytes) else raw.reshape(-1).data))
@@ -129,7 +129,7 @@ class Follower:
                 self._sending[0] = part[sent:]
 
     def _next(self) -> bytes | None:
-        """What is sent while no answer waits, if the client keeps up."""
+        """Returns what is sent while no answer waits, if the client keeps up."""
         if (self._health is None and self._newest is None) or self._unread() > UNREAD_BYTES:
             return None
         line, self._health = self._health, None
@@ -138,23 +138,23 @@ class Follower:
         return line
 
     def _unread(self) -> int:
-        """How much the system keeps for it."""
+        """Tells how much the system keeps for it."""
         (size,) = struct.unpack("i", fcntl.ioctl(self.connection, termios.TIOCOUTQ, b"\0" * 4))
         return int(size)
 
     @property
     def is_blocked(self) -> bool:
-        """Whether it must be told when there is room again."""
+        """Tells whether it must be told when there is room again."""
         return bool(self._sending)
 
     @property
     def waiting_bytes(self) -> int:
-        """Of all that waits here, without the system's buffer."""
+        """Counts all that waits here, without the system's buffer."""
         lines = sum(len(line) for line in (self._newest, self._health) if line is not None)
         return lines + sum(len(part) for part in self._sending) + len(self._heard)
 
     def is_dead(self, now_s: float) -> bool:
-        """Whether something waits for it, and it has taken nothing for long."""
+        """Tells whether something waits for it, and it has taken nothing for long."""
         if not (self._sending or self._newest is not None or self._health is not None):
             self._took_s = now_s
         return now_s - self._took_s > GIVEN_UP_S

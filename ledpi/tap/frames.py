@@ -1,4 +1,4 @@
-"""What a client gets from the tap, as the records of the path: to decode or draw a frame once more."""
+"""Answers of the tap as the records of the path: for a client to decode or draw a frame once more."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def why_not_of(hello: dict[str, Any]) -> WhyNot:
 
 
 def not_read_of(picture: dict[str, Any]) -> list[NotRead]:
-    """What was dropped in a picture that was asked for WITH_REASONS."""
+    """Returns what was dropped in a picture that was asked for WITH_REASONS."""
     looks = [look for look in picture.get("looks", []) if look.get("why")]
     found = []
     for rejected in picture.get("rejected", []):

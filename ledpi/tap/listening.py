@@ -43,7 +43,7 @@ class Listening:
 
     @property
     def is_there(self) -> bool:
-        """Whether its file still is where clients look for it: whoever clears /tmp takes it away."""
+        """Tells whether its file still is where clients look for it: whoever clears /tmp takes it away."""
         try:
             found = self.path.lstat()
         except OSError:

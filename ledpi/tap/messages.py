@@ -1,4 +1,4 @@
-"""What the daemon tells on its tap: records of the path → JSON objects."""
+"""Messages of the daemon on its tap: records of the path → JSON objects."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SATURATED = 255
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """What stays as it is from one reload to the next."""
+    """Facts that stay as they are from one reload to the next."""
 
     pid: int
     camera: CameraInfo

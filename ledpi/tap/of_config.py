@@ -1,4 +1,4 @@
-"""Where the daemon of a configuration is looked for: of several cameras each has its own service."""
+"""The place of a configuration's daemon: of several cameras each has its own service."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ CAMERAS, OF_ONE_CAMERA = SEARCH_PATH[-1].parent, SEARCH_PATH[-1].name  # configu
 
 
 def of_config(config: Config) -> str | None:
-    """Where clients look for the daemon that has this configuration; None where it has no tap.
+    """Returns where clients look for the daemon that has this configuration; None where it has no tap.
 
     With `auto` and /etc/ledpi/NAME.yaml that is the service ledpi@NAME, one of several cameras.
     """

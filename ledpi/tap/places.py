@@ -1,4 +1,4 @@
-"""Where the tap's socket is: the daemon makes it there, and clients look for it there."""
+"""The place of the tap's socket: the daemon makes it there, and clients look for it there."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_PATH_BYTES = 107  # that Linux gives a socket's name
 
 
 def to_serve(setting: str) -> Path:
-    """Where a daemon with this `tap.socket` listens; its folder is there afterwards if the setting is `auto`.
+    """Returns where a daemon with this `tap.socket` listens; with `auto` its folder is there afterwards.
 
     Raises ConfigError where that folder cannot be made, or where others may write in it.
     """
@@ -35,7 +35,7 @@ def to_serve(setting: str) -> Path:
 
 
 def to_look() -> list[Path]:
-    """Where a client looks for a daemon that listens at `auto`: first for the service, then for one of its own user's.
+    """Lists where a client looks for a daemon that listens at `auto`: for the service, then for its own user's.
 
     A folder that another user may have made is left out.
     """
@@ -50,7 +50,7 @@ def _of_user() -> list[Path]:
 
 
 def _is_own(folder: Path) -> bool:
-    """Whether it is a folder, no link to one, of this user, in which no other may write."""
+    """Tells whether it is a folder, no link to one, of this user, in which no other may write."""
     try:
         found = folder.lstat()
     except OSError:

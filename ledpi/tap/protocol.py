@@ -41,7 +41,7 @@ class RequestError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """What a client asks."""
+    """A client's request."""
 
     do: Do
     id: RequestId = None

@@ -86,17 +86,17 @@ class Tap:
         self._ring()
 
     def offer(self, do: Do, command: Command | None) -> None:
-        """What is done when a client who may says `do`, in a thread of its own; None: nothing, and it is told so."""
+        """Sets what is done, in a thread of its own, when one who may says `do`; None: nothing, and it is told so."""
         self._commands.offer(do, command)
 
     @property
     def is_there(self) -> bool:
-        """Whether clients find its socket."""
+        """Tells whether clients find its socket."""
         return self._listening.is_there
 
     @property
     def is_followed(self) -> bool:
-        """Whether anybody reads."""
+        """Tells whether anybody reads."""
         return self._followed
 
     def trace(self) -> Trace | None:
@@ -128,7 +128,7 @@ class Tap:
         self._ring()
 
     def _is_wanted(self, trace: Trace | None) -> bool:
-        """Whether a frame that left this trace answers those who wait for a picture."""
+        """Tells whether a frame that left this trace answers those who wait for a picture."""
         wanted = self._wanted
         if wanted is None or (wanted and trace is None):
             return False
@@ -225,7 +225,7 @@ class Tap:
         return {"type": "config", "id": request.id, "values": self._setup.values, "from": self._setup.origins}
 
     def _pass_on(self) -> None:
-        """What the daemon has shown and told since the last turn, the newest frame only."""
+        """Passes on what the daemon has shown and told since the last turn, the newest frame only."""
         newest = None
         while self._news:
             newest = self._news.popleft()
@@ -249,7 +249,7 @@ class Tap:
                 follower.tell(line)
 
     def _answer_pictures(self, shown: Shown) -> None:
-        """Of this frame, to those who have read their last one."""
+        """Sends this frame's to those who have read their last one."""
         setup, self._pictured_s = self._setup, time.monotonic()
         assert setup is not None, "a daemon begins before it shows anything"
         left = []
@@ -264,7 +264,7 @@ class Tap:
         self._asked = left
 
     def _ask_for_picture(self) -> None:
-        """Of the next frame, where somebody waits for one and it is time."""
+        """Asks for the next frame's, where somebody waits for one and it is time."""
         if not self._asked or self._wanted is not None or time.monotonic() - self._pictured_s < PICTURE_EVERY_S:
             return
         if self._crowd.waiting_bytes <= MOST_WAITING_BYTES:

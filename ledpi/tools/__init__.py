@@ -1,1 +1,1 @@
-"""What a person runs beside the daemon: calibrate, evaluate, snapshot, panel, doctor."""
+"""Tools that a person runs beside the daemon: calibrate, evaluate, snapshot, panel, doctor."""

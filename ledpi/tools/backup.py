@@ -1,4 +1,4 @@
-"""What makes an installation this robot's own, in one file: configuration, lens, map, dictionary and udev rule.
+"""All that makes an installation this robot's own, in a file: configuration, lens, map, dictionary, udev rule.
 
 A zip archive: `ledpi-backup.json` says its version and what each other file in it is. How single panels blink is in the
 configuration (`panels.overrides`).
@@ -91,7 +91,7 @@ def unpack(path: Path) -> Backup:
 
 
 def targets(backup: Backup, file: Path) -> list[tuple[Path, Kept]]:
-    """Where each file goes, if the configuration is `file`; the configuration last."""
+    """Returns where each file goes, if the configuration is `file`; the configuration last."""
     return sorted(((_target(kept, file), kept) for kept in backup.files), key=lambda one: KINDS.index(one[1].kind))
 
 
@@ -130,5 +130,5 @@ def _named(raw: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _beside(file: Path, path: str) -> Path:
-    """Where the configuration `file` means by `path`."""
+    """Returns what the configuration `file` means by `path`."""
     return file.absolute().parent / os.path.expanduser(path)

@@ -69,7 +69,7 @@ class Square:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Steps:
-    """What each step made of a frame."""
+    """The results of each step on a frame."""
 
     widths_rows: tuple[float, float]  # expected height of a band of the black class, and of the white one
     lit: Pixels  # (H, W), 255 where brighter than the local mean: (c)
@@ -232,7 +232,7 @@ def _four_corners(outline: Pixels, smallest_px: float, shape: tuple[int, ...]) -
 
 
 def _same_place(a: Floats, b: Floats) -> bool:
-    """Whether two squares have about one centre and one size."""
+    """Tells whether two squares have about one centre and one size."""
     sides = sorted(math.sqrt(cv2.contourArea(c.astype(np.float32))) for c in (a, b))
     apart = float(np.hypot(*(a.mean(axis=0) - b.mean(axis=0))))
     return apart < 0.25 * sides[1] and sides[0] > 0.7 * sides[1]

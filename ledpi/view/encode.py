@@ -68,14 +68,14 @@ def _inside(pixels: Pixels, quads: Sequence[Floats]) -> Mask:
 
 
 def histogram(pixels: Pixels) -> list[int]:
-    """How many pixels of each of BINS ranges of brightness."""
+    """Counts the pixels of each of BINS ranges of brightness."""
     counts = np.bincount(pixels.ravel(), minlength=256)
     binned: list[int] = counts.reshape(BINS, -1).sum(axis=1).tolist()
     return binned
 
 
 def focus(pixels: Pixels, quads_px: Sequence[Floats]) -> float:
-    """How sharp it is: variance of the Laplacian over the mean's square, × 10,000. 0 where all is dark.
+    """Measures how sharp it is: the Laplacian's variance over the mean's square, × 10,000. 0 where all is dark.
 
     Judged at the largest of the quads (4, 2), or over the whole picture without one. Smoothed before: noise has edges
     everywhere. Grows as the lens gets sharper; compare values of one place only.

@@ -1,4 +1,4 @@
-"""What is known of the daemon, for any number of readers: one thread follows the tap, the server's threads look."""
+"""Knowledge of the daemon for any number of readers: one thread follows the tap, the server's threads look."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Hub:
     # ---- For the server's threads
 
     def state(self, after: int, timeout_s: float) -> dict[str, Any]:
-        """How it is now; waits until something has changed since version `after`, `timeout_s` at most."""
+        """Tells how it is now; waits until something has changed since version `after`, `timeout_s` at most."""
         with self._changed:
             self._changed.wait_for(lambda: self._version != after or self._closing.is_set(), timeout_s)
             now_ns = time.monotonic_ns()
@@ -253,7 +253,7 @@ class Hub:
         return [asdict(finding) for finding in checks(self._hello, self._health)]
 
     def _robot(self, now_ns: int) -> dict[str, Any] | None:
-        """Where it was last, if that is not too long ago."""
+        """Tells where it was last, if that is not too long ago."""
         placed = self._placed
         if placed is None or not self._connected:
             return None

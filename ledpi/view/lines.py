@@ -1,4 +1,4 @@
-"""Whether a line of the tap is as docs/tap.md says: what is not is never drawn. Pure."""
+"""Checks of the tap's lines, as docs/tap.md describes them: what is otherwise is never drawn. Pure."""
 
 from __future__ import annotations
 

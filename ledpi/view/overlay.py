@@ -1,4 +1,4 @@
-"""What the page draws over a picture, in the picture's coordinates: pixel centres have whole numbers."""
+"""Drawings of the page over a picture, in the picture's coordinates: pixel centres have whole numbers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def drawn(decoded: dict[str, Any], hello: dict[str, Any]) -> list[dict[str, Any]
 
 
 def place_of(marker: dict[str, Any]) -> dict[str, float | None]:
-    """How far a panel is, and by how much it is turned to the side, as `ledpi monitor` says it."""
+    """Tells how far a panel is, and by how much it is turned to the side, as `ledpi monitor` says it."""
     if marker["position_m"] is None:
         return {"distance_m": None, "yaw_deg": None}
     turned_deg = yaw_deg(marker["quaternion_wxyz"])
@@ -45,7 +45,7 @@ def place_of(marker: dict[str, Any]) -> dict[str, float | None]:
 
 
 def drawn_reasons(diagnoses: Sequence[Diagnosis]) -> list[dict[str, Any]]:
-    """What was no panel that is read: its corners, what is wrong with it, what helps, and its cells as they seem."""
+    """Tells what was no panel that is read: its corners, what is wrong, what helps, and its cells as they seem."""
     return [
         {
             "corners_px": one.corners_px.tolist(),

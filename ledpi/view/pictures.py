@@ -41,7 +41,7 @@ class Shown:
     _making: threading.Lock = field(default_factory=threading.Lock)
 
     def as_kind(self, kind: Kind) -> tuple[dict[str, Any], bytes]:
-        """What is told beside it, and the JPEG. The first viewer's thread makes it, the others get the same."""
+        """Returns what is told beside it, and the JPEG. The first viewer's thread makes it, the others get the same."""
         told = self._once(f"told {kind}", lambda: self._told(kind))
         if kind == "bands":
             jpeg, share = self._bands()
@@ -49,7 +49,7 @@ class Shown:
         return told, bytes(self._once("jpeg", lambda: as_jpeg(self.pixels)))
 
     def png(self) -> bytes:
-        """Of the pixels as they are, with what decodes them: camera, lens and panels."""
+        """Makes one of the pixels as they are, with what decodes them: camera, lens and panels."""
         return bytes(self._once("png", self._make_png))
 
     def _make_png(self) -> bytes:
@@ -104,7 +104,7 @@ class Shown:
         return [np.array(marker["corners_px"], np.float64) for marker in self.line["decoded"]["markers"]]
 
     def _period_rows(self) -> float:
-        """Of the slowest wave."""
+        """Returns that of the slowest wave."""
         panels, camera = self.hello["panels"], self.hello["camera"]
         return float(1e6 / (min(panels["black_hz"], panels["white_hz"]) * camera["row_time_us"]))
 

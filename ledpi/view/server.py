@@ -85,7 +85,7 @@ class Handler(BaseHTTPRequestHandler):
         self._handle("GET")
 
     def do_POST(self) -> None:
-        """What changes something."""
+        """Serves what changes something."""
         self._handle("POST")
 
     def _handle(self, method: str) -> None:
@@ -116,7 +116,7 @@ class Handler(BaseHTTPRequestHandler):
             self._refuse(Refusal(status=400, says=str(error)))
 
     def _judge(self, headers: Mapping[str, str]) -> tuple[SplitResult, Refusal | None]:
-        """What is asked for, and why it is not answered; None if it is."""
+        """Returns what is asked for, and why it is not answered; None if it is."""
         try:
             url = urlsplit(self.path)
         except ValueError:  # a bracket that is not closed, say
@@ -146,7 +146,7 @@ class Handler(BaseHTTPRequestHandler):
         self._send(200, "image/png", shown.png())
 
     def answer_state(self, query: dict[str, str], body: bytes) -> None:
-        """How it is, as soon as something has changed."""
+        """Answers how it is, as soon as something has changed."""
         state = self.server.hub.state(_whole(query, "after"), WAIT_S)
         self._send(200, JSON, self._encoded(state))
 
@@ -179,7 +179,7 @@ class Handler(BaseHTTPRequestHandler):
         self._done(self.server.hub.record_stop())
 
     def answer_takes(self, query: dict[str, str], body: bytes) -> None:
-        """What the daemon has recorded."""
+        """Answers what the daemon has recorded."""
         self._send(200, JSON, self._encoded(self.server.takes.listed()))
 
     def answer_take(self, query: dict[str, str], body: bytes) -> None:
@@ -199,7 +199,7 @@ class Handler(BaseHTTPRequestHandler):
         self._send(200, JSON, self._encoded({}))
 
     def answer_board(self, query: dict[str, str], body: bytes) -> None:
-        """How far the calibration is; null before one was begun."""
+        """Answers how far the calibration is; null before one was begun."""
         watch = self.server.board
         self._send(200, JSON, self._encoded(None if watch is None else watch.told()))
 
@@ -236,7 +236,7 @@ class Handler(BaseHTTPRequestHandler):
         return json.dumps(values, separators=(",", ":")).encode()
 
     def _refuse(self, refusal: Refusal, *, close: bool = True) -> None:
-        """What a body may hold is not read: the connection is closed."""
+        """Refuses it. What a body may hold is not read: the connection is closed."""
         self.close_connection = self.close_connection or close
         self._send(refusal.status, JSON, self._encoded({"error": refusal.says}))
 
@@ -268,7 +268,7 @@ class Handler(BaseHTTPRequestHandler):
         return False
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """What http.server itself refuses: in our form, and with nothing of the request in it."""
+        """Sends what http.server itself refuses: in our form, and with nothing of the request in it."""
         self.close_connection = True
         says = self.responses[code][1] if code in self.responses else "refused"
         self._send(int(code), JSON, self._encoded({"error": says}))

@@ -26,7 +26,7 @@ class Takes:
         self._asked("take_delete", SAVED_S, name=name)
 
     def tar(self, name: str) -> tuple[int, Iterator[bytes]]:
-        """How many bytes its tar file has, and these, piece by piece."""
+        """Returns how many bytes its tar file has, and these, piece by piece."""
         first = self._piece(name, 0)
         return int(first["size"]), self._pieces(name, first)
 

@@ -264,7 +264,7 @@ def deviation_code(deviation: float) -> int:
 
 
 def deviation_value(code: int) -> float:
-    """What a code below 255 stands for, in m or rad."""
+    """Returns what a code below 255 stands for, in m or rad."""
     exponent, mantissa = code >> 4, code & 15
     return (mantissa if exponent == 0 else (16 + mantissa) << (exponent - 1)) / UNITS_PER_SI
 

@@ -71,7 +71,7 @@ def open_port(port: str, baud: int, *, read_timeout_s: float = 0.0) -> serial.Se
 
 
 def _is_terminal(port: str) -> bool:
-    """Whether it is one of Linux's own terminals, which take what nobody reads: /dev/ptmx, a console, /dev/tty.
+    """Tells whether it is one of Linux's own terminals, which take what nobody reads: /dev/ptmx, a console, /dev/tty.
 
     Raises OSError where it is not there. Numbers: the kernel's Documentation/admin-guide/devices.txt.
     """
@@ -81,14 +81,14 @@ def _is_terminal(port: str) -> bool:
 
 
 def _unseen(port: str) -> str:
-    """Of a holder that is another user's."""
+    """Says how to find a holder that is another user's."""
     said = f"which `sudo fuser -v {port}` names"
     is_pty = os.path.realpath(port).startswith("/dev/pts/")  # its TIOCEXCL stays after a process that was killed
     return f"{said}; if it names none, close the other end of this pty" if is_pty else said
 
 
 def reason(error: Exception) -> str:
-    """What the system says. pyserial often keeps the error number in its text only."""
+    """Returns what the system says. pyserial often keeps the error number in its text only."""
     in_text = re.search(r"\[Errno (\d+)\]|\((\d+), ", str(error))
     if in_text is None:
         return str(error)
@@ -132,7 +132,7 @@ class SerialLine:
         return max(now_ns, self._free_ns) + self._ahead_ns
 
     def is_drained(self, now_ns: int) -> bool:
-        """Whether every byte that was written has left."""
+        """Tells whether every byte that was written has left."""
         return self._queued_bytes() == 0 and self._free_ns <= now_ns
 
     def write(self, frame: bytes, latest_ns: int | None = None) -> bool | None:

@@ -22,7 +22,7 @@ POSITION_MAX_UNITS = 0x7FFFFF
 
 
 class State(IntEnum):
-    """What the daemon does. A value that is not known here reads as UNKNOWN."""
+    """The daemon's state. A value that is not known here reads as UNKNOWN."""
 
     STARTING = 0
     RUNNING = 1

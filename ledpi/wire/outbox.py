@@ -1,4 +1,4 @@
-"""What goes on the line next: newest wins, nothing too old, the fix first. Knows neither clock nor port."""
+"""The queue for the line: newest wins, nothing too old, the fix first. Knows neither clock nor port."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Outbox:
         self._markers[key] = (marker, mid_ns)  # a key that is there keeps its place
 
     def set_status(self, status: StatusMessage) -> None:
-        """What the next one says; due at once where it says something new of why there is no fix."""
+        """Sets what the next one says; due at once where it says something new of why there is no fix."""
         if (status.state, status.no_fix) != (self._status.state, self._status.no_fix):
             self._status_due_ns = None
         self._status = status
@@ -85,7 +85,7 @@ class Outbox:
         self._status_due_ns = None
 
     def idle_ns(self, now_ns: int) -> int:
-        """How long there is nothing to send, if nothing is put in."""
+        """Returns how long there is nothing to send, if nothing is put in."""
         if self._fix is not None or self._markers or self._status_due_ns is None:
             return 0
         return max(0, self._status_due_ns - now_ns)
@@ -121,7 +121,7 @@ class Outbox:
         return first_byte_ns + min(AGE_SLACK_NS, self._max_age_ns - 1000 * message.age_us)
 
     def put_back(self) -> None:
-        """What was taken last did not go out: it is the next, unless a newer one has come."""
+        """Puts back what was taken last and did not go out: it is the next, unless a newer one has come."""
         self._undo()
 
     def _put_back_status(self) -> None:
@@ -162,7 +162,7 @@ class Outbox:
         return message
 
     def _has_fix(self, now_ns: int) -> bool:
-        """Whether the receiver has a fix that is not too old."""
+        """Tells whether the receiver has a fix that is not too old."""
         return self._sent_fix_ns is not None and now_ns - self._sent_fix_ns <= self._max_age_ns
 
     def _take_marker(self, first_byte_ns: int) -> MarkerMessage | None:

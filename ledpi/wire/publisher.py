@@ -89,7 +89,7 @@ class Publisher:
             self._thread.start()
 
     def fits(self, settings: SerialSettings) -> bool:
-        """Whether it speaks to that port, as is asked for there."""
+        """Tells whether it speaks to that port, as is asked for there."""
         mine = self._settings
         return (mine.port, mine.baud, mine.protocol) == (settings.port, settings.baud, settings.protocol)
 
@@ -131,7 +131,7 @@ class Publisher:
                 self._wake.notify()
 
     def set_status(self, status: StatusMessage) -> None:
-        """What the heartbeat says from now on; `packets_dropped` is filled in here."""
+        """Sets what the heartbeat says from now on; `packets_dropped` is filled in here."""
         with self._wake:
             self._outbox.set_status(status)
             self._wake.notify()
@@ -240,7 +240,7 @@ class Publisher:
             self._send(line, message, now_ns, first_byte_ns)
 
     def _send(self, line: SerialLine, message: Message, begun_ns: int, first_byte_ns: int) -> bool:
-        """Whether it is done. If not, it is back in the outbox: the port took nothing, or its age has become untrue."""
+        """Tells whether it is done. If not, it is back in the outbox: the port took nothing, or its age is untrue."""
         frame = self._encode(message, first_byte_ns)
         if frame is None:
             return True

@@ -13,7 +13,7 @@ _NEWER_SENDER: frozenset[FrameFault] = frozenset({"version", "type", "flags"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceiverCounters:
-    """What came in since the receiver was made."""
+    """Counts of what came in since the receiver was made."""
 
     good: int
     lost: int  # numbers missing in the sequence

@@ -1,4 +1,4 @@
-"""How often fixes have jumped since the process began. A reload makes all else anew, and this stays."""
+"""Counts of jumps of the fix since the process began. A reload makes all else anew, and this stays."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ledpi.pose.panel_map import PanelMap
 
 @dataclass
 class Resets:
-    """What a receiver must know to tell fixes that do not belong together. Not thread-safe: one thread writes each."""
+    """Numbers by which a receiver tells fixes that do not belong together. Not thread-safe: one thread writes each."""
 
     jumps: int = 0  # of a fix, further than a robot can have gone
     maps: int = 0  # other maps after the first
@@ -27,6 +27,6 @@ class Resets:
 
 
 def _same_frame(before: PanelMap, now: PanelMap) -> bool:
-    """Whether the panels that both maps hold are where they were; there must be one."""
+    """Tells whether the panels that both maps hold are where they were; there must be one."""
     common = before.keys() & now.keys()
     return bool(common) and all(np.array_equal(before[i].map_from_marker, now[i].map_from_marker) for i in common)

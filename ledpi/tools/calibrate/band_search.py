@@ -86,7 +86,7 @@ def find_codeword(panel: PanelLight, codewords: Bits, waves: Sequence[Waves]) ->
 
 
 def search_step_hz(panel: PanelLight) -> float:
-    """How far two frequencies may be apart for a search not to step over what lies between them."""
+    """Returns how far two frequencies may be apart for a search not to step over what lies between them."""
     return 1.0 / (STEPS_PER_CYCLE * float(np.ptp(panel.seconds[:SEARCH_FRAMES])))
 
 
@@ -97,7 +97,7 @@ def moved_share(seconds: Floats, frequency_hz: Floats) -> Floats:
 
 
 def changes(light: Floats) -> tuple[Floats, Floats]:
-    """What changes from frame to frame (frames, cells, rows), each frame's gain taken off, and the still picture."""
+    """Returns what changes from frame to frame (frames, cells, rows), each frame's gain off, and the still picture."""
     still = light.mean(axis=0)
     gain = light.sum(axis=(1, 2), keepdims=True) / still.sum()
     return light - gain * still, still

@@ -1,4 +1,4 @@
-"""How the two classes of a panel's cells blink, measured from the light of its rows over many frames. Pure.
+"""Blinking of a panel's two classes of cells, measured by the light of its rows over many frames. Pure.
 
 Camera and panel stand still. The light of cell c in picture row y of frame n, whose row 0 was read out at t_n, is then
 
@@ -32,7 +32,7 @@ CLOCK_SIGMA = 50e-6  # deviation of the clock that dates the frames: within ±10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClassBands:
-    """What was measured of one class; deviations are one standard deviation, from the residual of the fit."""
+    """Measurements of one class; deviations are one standard deviation, from the residual of the fit."""
 
     frequency_hz: float
     frequency_sigma_hz: float
@@ -47,7 +47,7 @@ class ClassBands:
 
     @property
     def certain(self) -> bool:
-        """Whether there are such bands at all. Bands that stand still from frame to frame never are."""
+        """Tells whether there are such bands at all. Bands that stand still from frame to frame never are."""
         return self.amplitude >= MIN_CERTAINTY * self.amplitude_sigma
 
 
@@ -103,7 +103,7 @@ def _nearest(panel: PanelLight, cells: Bits, frequency_hz: float, cycles_per_row
 
 
 def _mean_of(parts: Sequence[ClassBands]) -> ClassBands:
-    """Of an oscillator that wanders: means over the parts, and the deviation that its wandering leaves to theirs."""
+    """Averages an oscillator that wanders: means over the parts, and the deviation that wandering leaves to theirs."""
     count = len(parts)
     frequencies = np.array([p.frequency_hz for p in parts])
 

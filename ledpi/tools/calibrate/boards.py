@@ -84,7 +84,7 @@ class BoardFinder:
         return find_board(name, picture, self.board)
 
     def note(self, asked: Board) -> str | None:
-        """What is otherwise than the board that was asked for; None where nothing is."""
+        """Says what is otherwise than the board that was asked for; None where nothing is."""
         if self.board == asked:
             return None
         layout = " in the layout of OpenCV before 4.6 (setLegacyPattern, calib.io)" if self.board.legacy else ""
@@ -125,7 +125,7 @@ def _markers(picture: Pixels, dictionary: str) -> tuple[Floats, NDArray[np.int64
 
 
 def _layout_fit(board: Board, corners_px: Floats, ids: NDArray[np.int64]) -> tuple[float, float]:
-    """How far off markers are from where the layout has them, inf where it has too few; and their side. In squares."""
+    """Returns how far off the layout markers are, inf where it has too few; and their side. In squares."""
     places = np.asarray(_charuco(board).getBoard().getObjPoints(), np.float64)[..., :2]
     known = ids < len(places)
     if np.count_nonzero(known) < MIN_LAYOUT_MARKERS:

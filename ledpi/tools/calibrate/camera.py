@@ -33,7 +33,7 @@ _NO_CAMERA = "the views give no camera at all: are they of one flat, rigid board
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewError:
-    """How well the camera model explains one view."""
+    """The errors of the camera model in one view."""
 
     name: str
     rms_px: float
@@ -147,7 +147,7 @@ def _calibrated(found: _Kept, size: tuple[int, int]) -> CameraCalibration:
 
 
 def quality(result: CameraCalibration) -> dict[str, Any]:
-    """How good it is, as camera.yaml tells."""
+    """Says how good it is, as camera.yaml tells."""
     return {
         "rms_px": round(result.rms_px, 4),
         "views": len(result.used),

@@ -65,7 +65,7 @@ class Collection:
         return True
 
     def missing(self) -> str | None:
-        """What to do next, in words; None where the collection is complete."""
+        """Says what to do next; None where the collection is complete."""
         for side, direction in SIDES.items():
             tilted = sum(float(a.normal_deg @ direction) > TILT_DEG for a in self._attitudes)
             if tilted < VIEWS_A_SIDE:

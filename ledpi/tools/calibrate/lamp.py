@@ -1,4 +1,4 @@
-"""What a single lamp blinks at, from one photograph of it: a first look at an LED and its driver. Pure.
+"""A single lamp's frequency, from one photograph of it: a first look at an LED and its driver. Pure.
 
 The light of the lamp's rows is fitted by
 

@@ -71,7 +71,7 @@ def _say_news(text: str, said: str, say: Callable[[str], None]) -> str:
 
 
 def _seen_instead(frame: Frame, board: Board) -> str:
-    """What else is in view, for whoever has given another size than the board's."""
+    """Says what else is in view, for whoever has given another size than the board's."""
     options = other_board(frame.pixels, board)
     return "" if options is None else f"; {options} is seen, not {board.columns} × {board.rows} of a {board.kind}"
 

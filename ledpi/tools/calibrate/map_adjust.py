@@ -58,7 +58,7 @@ class _Problem:
 
     @property
     def upright_sigma(self) -> float:
-        """Of an axis that hangs upright, on the scale of observations that are taken for independent."""
+        """Returns that of an axis that hangs upright, on the scale of observations that are taken for independent."""
         return UPRIGHT_SIGMA_RAD / math.sqrt(self.alike)
 
 

@@ -1,4 +1,4 @@
-"""What a drive past the panels has shown of how they hang to each other, and the first guess from it.
+"""Views of a drive past the panels: how they hang to each other, and the first guess from that.
 
 Only frames that show two panels or more tell anything. Each pair's relative pose is the one that its frames agree on: a
 square's mirror pose is somewhere else in every frame. Pairs are chained outward from the origin panel.
@@ -101,7 +101,7 @@ def _agreed(seen: Sequence[tuple[PanelView, PanelView]]) -> tuple[Floats, int]:
 
 
 def _apart(a: Floats, b: Floats) -> float:
-    """How far two relative poses are apart; below 1 they agree."""
+    """Returns how far two relative poses are apart; below 1 they agree."""
     away = float(np.linalg.norm(a[:3, 3] - b[:3, 3])) / (SAME_PLACE_M + 0.05 * float(np.linalg.norm(a[:3, 3])))
     cosine = (float(np.sum(a[:3, :3] * b[:3, :3])) - 1) / 2
     return max(away, float(np.arccos(np.clip(cosine, -1, 1))) / SAME_ANGLE_RAD)

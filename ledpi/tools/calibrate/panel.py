@@ -36,7 +36,7 @@ WEAK, STRONG = 1 / 3, 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelCalibration:
-    """What one panel was measured to be."""
+    """Measurements of one panel."""
 
     id: int
     black: ClassBands
@@ -47,7 +47,7 @@ class PanelCalibration:
     blinking_share: tuple[float, float]  # of each class's light: the rest is steady, as a reflection is
 
     def overrides(self, announced: PanelSpec) -> dict[str, float]:
-        """What belongs into `panels.overrides` of config.yaml: no duty that is off the announced one by noise only."""
+        """Returns what belongs into `panels.overrides`: no duty that is off the announced one by noise only."""
         values = {"black_hz": round(self.black.frequency_hz, 2), "white_hz": round(self.white.frequency_hz, 2)}
         if self.duty is not None and self._other_duty(announced):
             values["duty"] = round(self.duty, 3)
@@ -58,7 +58,7 @@ class PanelCalibration:
         return self.duty is not None and self.phase == "free" and abs(self.duty - announced.duty) > SAME_DUTY
 
     def differs_from(self, announced: PanelSpec) -> bool:
-        """Whether the decoder should know of it."""
+        """Tells whether the decoder should know of it."""
         pairs = ((self.black, announced.black_hz), (self.white, announced.white_hz))
         if any(abs(bands.frequency_hz / hz - 1) > SAME_FREQUENCY for bands, hz in pairs):
             return True
@@ -106,7 +106,7 @@ def frequency_sigma_hz(bands: ClassBands) -> float:
 
 
 def search_ranges(announced: PanelSpec) -> list[tuple[float, float]]:
-    """Where the frequency of each of the panel's waves is sought; the ranges do not overlap."""
+    """Returns where the frequency of each of the panel's waves is sought; the ranges do not overlap."""
     middle = math.sqrt(announced.black_hz * announced.white_hz)
     spans = []
     for hz in announced.waves_hz:
@@ -120,7 +120,7 @@ def search_ranges(announced: PanelSpec) -> list[tuple[float, float]]:
 def advice(
     frequencies_hz: Sequence[float], *, exposure_us: float, row_time_us: float, frame_interval_us: float
 ) -> list[str]:
-    """What keeps bands of these frequencies from being deep and moving, and what would be better; a line each."""
+    """Says what keeps bands of these frequencies from being deep and moving, and what would be better; a line each."""
     lines = []
     weak = [hz for hz in frequencies_hz if null_share(hz, exposure_us) < WEAK]
     for hz in weak:

@@ -25,7 +25,7 @@ EXPOSURE_FITS = 3.0  # deviations that the classes' depths may be off; where the
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reported:
-    """What the driver says of the shutter."""
+    """The driver's words on the shutter."""
 
     row_time_us: float | None  # None where it cannot tell
     exposure_us: float
@@ -40,13 +40,13 @@ class Estimate:
     sigma: float
 
     def agrees_with(self, other: float) -> bool:
-        """Whether another value of the same thing is within the doubt, or too near to matter."""
+        """Tells whether another value of the same thing is within the doubt, or too near to matter."""
         return abs(self.value - other) <= max(AGREEMENT[0] * self.sigma, AGREEMENT[1] * self.value)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShutterCalibration:
-    """What the shutter was measured to do."""
+    """Measurements of the shutter."""
 
     id: int  # of the panel
     row_time_us: Estimate  # the better of the next two

@@ -1,4 +1,4 @@
-"""What is calibrated, how old and how good that is, and what comes next."""
+"""The state of calibration: what there is, how old and how good that is, and what comes next."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def parts(config: Config, today: date) -> Iterator[Part]:
 
 
 def next_command(found: list[Part]) -> str | None:
-    """What to run next; None where nothing is missing."""
+    """Returns what to run next; None where nothing is missing."""
     return next((part.command for part in found if not part.done), None)
 
 

@@ -89,7 +89,7 @@ def panel_light(frames: Sequence[Frame], corners_px: Floats, cells: int, intrins
 
 
 def reads(frames: Sequence[Frame], pipeline: Pipeline, marker_id: int, corners_px: Floats) -> bool:
-    """Whether the decoder reads `marker_id` at this place in any of the frames."""
+    """Tells whether the decoder reads `marker_id` at this place in any of the frames."""
     for frame in frames:
         for marker in pipeline.decode(frame).markers:
             away = marker.detection.corners_px.mean(axis=0) - corners_px.mean(axis=0)
@@ -116,7 +116,7 @@ def _squares(frame: Frame, pipeline: Pipeline) -> list[Floats]:
 
 
 def _same_place(corners: Floats, others: list[Floats]) -> Floats | None:
-    """Of the other squares the one at the same place, its corners in the same order."""
+    """Returns, of the other squares, the one at the same place, its corners in the same order."""
     turned = [np.roll(other, k, axis=0) for other in others for k in range(4)]
     nearest = min(turned, key=lambda other: float(np.abs(other - corners).max()), default=None)
     if nearest is None or np.abs(nearest - corners).max() > SAME_PLACE * _side_px(corners):

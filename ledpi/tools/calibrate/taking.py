@@ -67,7 +67,7 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
 
 
 def settle_gain(camera: Camera, panels: PanelSettings) -> None:
-    """Where the gain is left open: waits until the brightest lit square is as bright as a panel should be.
+    """Waits, where the gain is left open, until the brightest lit square is as bright as a panel should be.
 
     It need not be read as a panel: how it blinks is what is to be found out. Gives up after SETTLE_FRAMES.
     """

@@ -25,7 +25,7 @@ FOCAL_WIDTHS = (0.2, 4.0)
 
 
 def camera(config: Config) -> tuple[list[Finding], CameraInfo | None]:
-    """Whether it is there, free, and does as asked; and what is then known of it."""
+    """Finds out whether it is there, free, and does as asked; and what is then known of it."""
     try:
         device = open_camera(config, paced=config.camera.source.partition(":")[0] not in ("simulated", "recording"))
     except LedpiError as error:
@@ -53,7 +53,7 @@ def _delivers(config: Config, results: list[Frame | Rejected]) -> Finding:
 
 
 def exposure(config: Config, info: CameraInfo, frames: list[Frame]) -> Finding:
-    """What the frames were exposed for, beside what the configuration asks for."""
+    """Compares what the frames were exposed for with what the configuration asks for."""
     if not frames:
         return unknown("exposure", "no frame to tell")
     really = replace(info, exposure_us=frames[-1].exposure_us)
@@ -85,7 +85,7 @@ def _timing(config: Config, info: CameraInfo, results: list[Frame | Rejected]) -
 
 
 def frequencies(config: Config, info: CameraInfo) -> Finding:
-    """Whether the bands of every class are deep enough at this exposure, and move from frame to frame."""
+    """Finds out whether all bands are deep enough at this exposure, and move from frame to frame."""
     weak = [f"{hz:g} Hz" for hz in vanishing(config.panels, info.exposure_us)]
     said, frozen = [], []
     for hz, depth in depths(config.panels, info.exposure_us).items():
@@ -105,7 +105,7 @@ def frequencies(config: Config, info: CameraInfo) -> Finding:
 
 
 def intrinsics(config: Config, info: CameraInfo | None) -> Finding:
-    """Whether there is a lens, of this picture's size, that is a lens."""
+    """Finds out whether there is a lens, of this picture's size, that is a lens."""
     if info is not None and info.intrinsics is not None:  # a recording's own, which override the configuration's
         return plausible(info.intrinsics, Path(config.camera.source))
     path = config.camera.intrinsics

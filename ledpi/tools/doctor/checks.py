@@ -58,7 +58,7 @@ def examine(config: Config) -> Iterator[Finding]:
 
 
 def _to_its_end(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:
-    """What nobody has foreseen is a finding, too: the page goes on."""
+    """Yields all of them; what nobody has foreseen is a finding, too: the page goes on."""
     try:
         yield from findings
     except Exception as error:

@@ -62,7 +62,7 @@ def _lens(camera: Camera, config: Config) -> Intrinsics | None:
 
 
 def findings_of(read: Sequence[int], why: Why) -> list[Finding]:
-    """What is read, and a finding for each thing that is not; a light may be no panel."""
+    """Tells what is read, and of each thing that is not; a light may be no panel."""
     seen = ", ".join(str(marker_id) for marker_id in read)
     findings = [ok("panels", f"ID {seen} read")] if read else []
     findings += [_finding(one) for one in why.diagnoses if one.kind != "shape"][:MOST]

@@ -56,7 +56,7 @@ def picamera2() -> Finding:
 
 
 def permissions(patterns: tuple[str, ...]) -> Finding:
-    """Whether the devices that are there can be used by this user."""
+    """Finds out whether the devices that are there can be used by this user."""
     devices = sorted(path for pattern in patterns for path in glob.glob(pattern))
     if not devices:
         return unknown("permissions", f"no {' or '.join(patterns)} here")
@@ -96,7 +96,7 @@ def clock(now_s: float | None = None) -> Finding:
 
 
 def throttling() -> Finding:
-    """What the Pi's firmware says of its power supply and temperature."""
+    """Tells what the Pi's firmware says of its power supply and temperature."""
     tool = shutil.which("vcgencmd")
     if tool is None:
         return unknown("throttling", "no vcgencmd here: not a Pi")
@@ -119,7 +119,7 @@ def throttled(said: str) -> Finding:
 
 
 def answer_of(command: list[str], timeout_s: float) -> str:
-    """What it prints, or says of its failure; in one line."""
+    """Returns what it prints, or says of its failure; in one line."""
     done = _run(command, timeout_s)
     return one_line((done.stdout.strip() or done.stderr.strip()).partition("\n")[0])
 

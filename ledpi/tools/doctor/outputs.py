@@ -1,4 +1,4 @@
-"""Where else poses go: each of `outputs`, as its bridge would find it. Nothing is sent.
+"""Outputs beside the serial line, each as its bridge would find it. Nothing is sent.
 
 A password is not tried: who logs in under a bridge's name may end what that has told.
 """

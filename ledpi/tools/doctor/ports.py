@@ -29,7 +29,7 @@ def names(dev: Path = DEV, sys: Path = SYS) -> list[str]:
 
 
 def remedy(dev: Path = DEV, sys: Path = SYS) -> str:
-    """What to set serial.port to, and why a name is one of a socket."""
+    """Says what to set serial.port to, and why a name is one of a socket."""
     plugged_in = names(dev, sys)
     if not plugged_in:
         return "plug the controller in; `ledpi doctor` then shows what to set serial.port to"
@@ -45,7 +45,7 @@ _NO_NUMBER = "has no serial number of its own, so that a second one like it woul
 
 
 def name(port: str, dev: Path = DEV, sys: Path = SYS) -> Finding | None:
-    """Whether the configured name stays the controller's; None where it is not by-id's to say."""
+    """Finds out whether the configured name stays the controller's; None where it is not by-id's to say."""
     if "/by-id/" not in port or not os.path.exists(port) or has_own_number(Path(port), sys):
         return None
     socket = _links(dev / "serial/by-path").get(os.path.realpath(port))
@@ -54,7 +54,7 @@ def name(port: str, dev: Path = DEV, sys: Path = SYS) -> Finding | None:
 
 
 def has_own_number(link: Path, sys: Path = SYS) -> bool:
-    """Whether the board behind a by-id link has a serial number that no other board like it should have.
+    """Tells whether the board behind a by-id link has a serial number that no other board like it should have.
 
     As sysfs has it. Where that knows no USB device, by the link's own name, which ends in the number if there is one.
     """
@@ -81,7 +81,7 @@ def _links(folder: Path) -> dict[str, Path]:
 
 
 def console(port: str, cmdline: Path = Path("/proc/cmdline")) -> Finding:
-    """Whether Linux writes its log to the controller's port."""
+    """Finds out whether Linux writes its log to the controller's port."""
     consoles = [word.removeprefix("console=").split(",")[0] for word in _text(cmdline).split() if "console=" in word]
     mine = os.path.realpath(port)
     taken = [name for name in consoles if os.path.realpath(f"/dev/{name}") == mine]
@@ -109,7 +109,7 @@ def pins(port: str, dev: Path = DEV, compatible: Path = Path("/proc/device-tree/
 
 
 def rule(old: Path = OLD_RULE) -> Finding | None:
-    """Whether an older version's udev rule is there, whose name comes too early."""
+    """Finds out whether an older version's udev rule is there, whose name comes too early."""
     if not old.exists():
         return None
     new = old.with_name("61-ledpi.rules")
@@ -121,7 +121,7 @@ def rule(old: Path = OLD_RULE) -> Finding | None:
 
 
 def allowed(port: str, unit: Path = UNIT, devices: Path = Path("/proc/devices")) -> Finding | None:
-    """Whether the service may open a port of this kind, by its unit's DeviceAllow=; None where there is none."""
+    """Finds out whether the service may open a port of this kind, by its unit's DeviceAllow=; None without a unit."""
     drop_ins = sorted(unit.with_name(unit.name + ".d").glob("*.conf"))
     entries = re.findall(r"^DeviceAllow=(\S+)", "\n".join(_text(path) for path in (unit, *drop_ins)), re.MULTILINE)
     try:
@@ -142,7 +142,7 @@ def allowed(port: str, unit: Path = UNIT, devices: Path = Path("/proc/devices"))
 
 
 def shared(port: str, but: int | None) -> Finding | None:
-    """Whether processes beside the one with the ID `but` have the port open; None where none is seen."""
+    """Finds out whether processes beside the one with the ID `but` have the port open; None where none is seen."""
     target = os.path.realpath(port)
     is_port = target.startswith("/dev/pts/") or (SYS / "class/tty" / os.path.basename(target)).exists()
     others = openers([port]) - {but} if is_port else set()

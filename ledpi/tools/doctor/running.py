@@ -160,7 +160,7 @@ _RECENT = ("seconds", "sent", "replaced", "stale", "refused")
 
 
 def _recent_line(*, seconds: int, sent: int, replaced: int, stale: int, refused: int) -> Finding:
-    """What became of the packets of the last seconds. A status packet is due each second at least."""
+    """Says what became of the packets of the last seconds. A status packet is due each second at least."""
     last = f"of the last {seconds} s"
     due, dropped = sent + replaced + stale + refused, replaced + stale + refused
     if sent == 0 and (seconds > 1 or dropped):

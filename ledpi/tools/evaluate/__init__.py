@@ -1,1 +1,1 @@
-"""How often panels are read, how exactly, and what is mistaken for one: rendered with a seed, or from real frames."""
+"""Rates and errors of reading, and what is mistaken for a panel: rendered with a seed, or from real frames."""

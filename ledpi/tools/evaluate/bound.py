@@ -18,7 +18,7 @@ RUN_GAP_NS = 60_000_000  # frames that are further apart belong to two takes
 
 
 class Bound(NamedTuple):
-    """Of the panels that are wholly in view in the frames that count: how many are read, how many as another's ID."""
+    """Counts of panels wholly in view in the frames that count: how many are read, how many as another's ID."""
 
     read: int
     wrong: int

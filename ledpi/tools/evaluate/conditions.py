@@ -1,4 +1,4 @@
-"""What is tried: the conditions of each suite, as plain values that name, draw and repeat them."""
+"""The conditions of each suite, as plain values that name, draw and repeat them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ DECOYS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
-    """How a robustness case departs from the plain panel. Levels are shares of the sensor's full scale."""
+    """The way in which a robustness case departs from the plain panel. Levels are shares of the sensor's full scale."""
 
     peak_level: tuple[float, float] = (0.35, 0.7)  # drawn from; of a bright band at the middle of a cell of gain 1
     room_level: tuple[float, float] = (0.04, 0.15)  # drawn from
@@ -154,7 +154,7 @@ class Condition:
         return (DECOY_VARIATIONS if self.suite == "decoys" else VARIATIONS).get(self.case, VARIATIONS[PLAIN])
 
     def panels_of(self, panels: PanelSettings) -> PanelSettings:
-        """What whoever reads this is told of the panels. Of decoys every ID exists, so that each false one counts."""
+        """Returns what whoever reads this is told of the panels. Of decoys every ID exists: each false one counts."""
         if self.suite == "decoys":
             return panels.model_copy(update={"ids": tuple(range(len(load_dictionary(panels.dictionary).codewords)))})
         return panels.model_copy(update={"search_frequencies": True}) if self.variation.search_frequencies else panels

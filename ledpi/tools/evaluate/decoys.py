@@ -1,4 +1,4 @@
-"""What looks like a panel and is none: nothing in these scenes may be reported."""
+"""Things that look like a panel and are none: nothing in these scenes may be reported."""
 
 from __future__ import annotations
 

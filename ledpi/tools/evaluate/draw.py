@@ -102,7 +102,7 @@ def _stream(condition: Condition, seed: int, number: int, purpose: int) -> np.ra
 
 
 def _sensor(condition: Condition, panels: PanelSettings, frame_duration_us: float | None) -> SimulatedSensor:
-    """What the daemon would choose of exposure and frame period, by the row time that the driver reports."""
+    """Returns the exposure and frame period that the daemon would choose, by the row time that the driver reports."""
     variation = condition.variation
     assert condition.transfer != "any"
     true_us = variation.row_time_us or OV5647_ROW_TIME_US

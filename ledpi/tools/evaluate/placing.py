@@ -85,5 +85,5 @@ class Placer:
 
 
 def _radius_px(size_px: float) -> float:
-    """Of the disc that a square of that size turns in, its bezel included, and a little more."""
+    """Returns that of the disc that a square of that size turns in, its bezel included, and a little more."""
     return 0.8 * size_px + 4.0

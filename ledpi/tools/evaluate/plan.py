@@ -1,4 +1,4 @@
-"""What a run was asked for, and the units of work that this makes."""
+"""A run as it was asked for, and the units of work that this makes."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Plan:
             raise ConfigError(f"{named}: the suite wild draws its own")
 
     def methods_of(self, suite: Suite) -> tuple[Method, ...]:
-        """What reads the conditions of a suite. Raises ConfigError where a method cannot."""
+        """Returns what reads the conditions of a suite. Raises ConfigError where a method cannot."""
         own = _BY_SUITE[suite]
         for method in self.methods:
             if method in PRINTED and method not in own:
@@ -127,7 +127,7 @@ class Plan:
         ]
 
     def as_json(self) -> dict[str, Any]:
-        """What must be the same for results to be added to."""
+        """Returns what must be the same for results to be added to."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return values | {"panels": self.panels.model_dump(mode="json")}
 

@@ -37,7 +37,7 @@ _PAPER_DISTANCE, _PAPER_ANGLE = (0.6, 0.8, 43.0), (-20.0, 20.0, 40.0)
 
 
 def has_matplotlib() -> bool:
-    """Whether plots can be drawn (an optional extra)."""
+    """Tells whether plots can be drawn (an optional extra)."""
     return importlib.util.find_spec("matplotlib") is not None
 
 

@@ -25,7 +25,7 @@ WHITEST_PAPER = 0.8
 
 
 def has_apriltag() -> bool:
-    """Whether AprilTag's detector is installed (an optional extra)."""
+    """Tells whether AprilTag's detector is installed (an optional extra)."""
     return importlib.util.find_spec("pupil_apriltags") is not None
 
 

@@ -45,7 +45,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Read:
-    """What a method made of one frame."""
+    """A method's result on one frame."""
 
     found: tuple[Found, ...]
     dropped: tuple[Dropped, ...]
@@ -72,7 +72,7 @@ class PanelReader:
         )
 
     def read(self, frame: Frame) -> Read:
-        """What is found in the next frame, and how long that took."""
+        """Returns what is found in the next frame, and how long that took."""
         trace = Trace()
         decoded = self._pipeline.decode(frame, trace)
         found = tuple(
@@ -97,7 +97,7 @@ class PrintReader:
         self._intrinsics = intrinsics
 
     def read(self, frame: Frame) -> Read:
-        """What is found in the next frame, and how long that took."""
+        """Returns what is found in the next frame, and how long that took."""
         start = time.perf_counter()
         found = [
             Found(id=marker_id, corners_px=corners, pose=self._pose(corners))

@@ -1,4 +1,4 @@
-"""What was read, held against what is there: counts and errors that add up."""
+"""Scores of what was read against what is there: counts and errors that add up."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Expected:
 
     @classmethod
     def from_truth(cls, truth: TruthMarker) -> Self:
-        """What a recording's truth, or the simulator's, says of one panel."""
+        """Returns what a recording's truth, or the simulator's, says of one panel."""
         return cls(id=truth.id, corners_px=truth.corners_px, pose=truth.camera_from_marker, optional=truth.optional)
 
     def matches(self, found: Found) -> bool:
-        """Whether this is what was found."""
+        """Tells whether this is what was found."""
         if found.id != self.id or self.corners_px is None:
             return found.id == self.id
         off = np.hypot(*(found.corners_px - self.corners_px).T)

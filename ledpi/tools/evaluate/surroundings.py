@@ -1,4 +1,4 @@
-"""What is around the panels of a take: a page behind them, something in the way, something bright that touches them.
+"""The surroundings of a take's panels: a page behind them, something in the way, something bright that touches them.
 
 Each draws from a stream of random numbers what a variation asks for, and nothing where it asks for nothing.
 """

@@ -72,7 +72,7 @@ class Unit:
 
 @cache
 def code_version() -> str:
-    """What the results depend on, besides the values of a unit: this package's source, numpy, OpenCV."""
+    """Returns what the results depend on, besides a unit's values: this package's source, numpy, OpenCV."""
     digest = source_digest(Path(ledpi.__file__).parent)
     return f"{digest[:12]}, numpy {np.__version__} OpenCV {cv2.__version__}"
 

@@ -25,7 +25,7 @@ TAKES_A_CAMERA = 4  # a recording has one camera; this many takes of a row share
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WildRow:
-    """Where the panel stands, and which frames of a take are judged."""
+    """A row: where the panel stands, and which frames of a take are judged."""
 
     distance_m: tuple[float, float]
     yaw_deg: tuple[float, float]  # to either side
@@ -34,7 +34,7 @@ class WildRow:
 
     @property
     def is_single(self) -> bool:
-        """Whether a frame is read alone."""
+        """Tells whether a frame is read alone."""
         return self.judged.stop == 1
 
 

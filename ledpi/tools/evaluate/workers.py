@@ -45,7 +45,7 @@ def run_on_processes(units: Sequence[Unit], workers: int) -> Generator[dict[str,
 
 
 def _end_with_parent() -> None:
-    """Of a worker: the process that hands out the work ends it, and it ends where that one is no more.
+    """Ties a worker to the process that hands out the work: it ends where that one is no more.
 
     The terminal sends Ctrl-C to every process, so that is not for workers to heed.
     """

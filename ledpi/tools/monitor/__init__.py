@@ -1,1 +1,1 @@
-"""What `ledpi monitor` shows of a running daemon."""
+"""The display of `ledpi monitor` for a running daemon."""

@@ -107,13 +107,13 @@ class Live:
         return one_line(" | ".join(parts))
 
     def _wrong_lines(self) -> list[Text]:
-        """What is wrong with the daemon, as `ledpi doctor` tells it."""
+        """Says what is wrong with the daemon, as `ledpi doctor` tells it."""
         if self._lost:
             return []
         return [Text(f"{one.name}: {one.said}; {one.remedy}", style="yellow") for one in self._wrong]
 
     def _why_lines(self) -> list[Text]:
-        """What is not read, and why; what most likely is no panel is left out."""
+        """Says what is not read, and why; what most likely is no panel is left out."""
         if self._why is None or self._lost:
             return []
         told = [one for one in self._why.diagnoses if one.kind != "shape"][:MOST_REASONS]
@@ -157,7 +157,7 @@ class Live:
         return [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in lines if line]
 
     def _reasons(self) -> list[str]:
-        """What was dropped in the last second, how often and why; last what was never fitted: lamps, mostly."""
+        """Says what was dropped in the last second, how often and why; last what was never fitted: lamps, mostly."""
         now = self._health["rejected"]
         new = {key: count - self._before.get(key, 0) for key, count in now.items()} if self._before else {}
         most = sorted((key for key in new if new[key] > 0), key=lambda key: (key.startswith("find."), -new[key]))
@@ -188,7 +188,7 @@ def yaw_deg(quaternion_wxyz: list[float]) -> float:
 
 
 def heading_deg(quaternion_wxyz: list[float]) -> float:
-    """Of the robot in the map: 0 looks along x, + turns to y."""
+    """Returns that of the robot in the map: 0 looks along x, + turns to y."""
     w, x, y, z = quaternion_wxyz
     return math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 

@@ -80,7 +80,7 @@ class Body:
         return _led_mm(self.pitch_mm, self.leds)
 
     def led_offsets_mm(self) -> list[tuple[float, float]]:
-        """Where the LEDs of a cell sit, from its centre, in the order of the string, **as seen from the back**."""
+        """Returns where a cell's LEDs sit, from its centre, in the order of the string, **as seen from the back**."""
         step = self.pitch_mm / 4
         if self.leds == 3:
             return [(step * math.sin(a), step * math.cos(a)) for a in (0.0, 4 * math.pi / 3, 2 * math.pi / 3)]

@@ -1,4 +1,4 @@
-"""How often a panel would be read: the decoder's own decision on evidence drawn from its own error model.
+"""Chances that a panel is read: the decoder's own decision on evidence drawn from its own error model.
 
 Of a panel that shows the codeword w with bands x, the score of the evidence is normal with mean I·X and covariance I,
 with X = the bands of each cell's class, and I the information of `information.evidence_of`. The draws go through

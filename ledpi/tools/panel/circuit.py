@@ -21,7 +21,7 @@ _MAX_SUPPLY_V = 48.0  # above 60 V direct current is no longer safe to touch
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circuit:
-    """What each cell and each class needs. Currents are those while a class is on; that is half of the time."""
+    """Needs of each cell and each class. Currents are those while a class is on; that is half of the time."""
 
     supply_v: float
     leds: int  # in series, in each cell
@@ -56,7 +56,7 @@ class Circuit:
 
     @property
     def panel_w(self) -> float:
-        """Of the whole panel, averaged over the blinking."""
+        """Returns the whole panel's, averaged over the blinking."""
         return 0.5 * self.supply_v * sum(self.class_a)
 
     @property
@@ -73,7 +73,7 @@ class Circuit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lamps:
-    """What is asked of the LEDs."""
+    """Demands on the LEDs."""
 
     supply_v: float
     leds: int | None  # in series, in each cell; None: as many as the supply carries, four at most

@@ -43,7 +43,7 @@ _OFF_MAINS_HZ = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What a panel is designed for."""
+    """The task that a panel is designed for."""
 
     sensor: SimulatedSensor  # its frame length is the shortest there is, or the only one
     period_given: bool  # whether it is the only one
@@ -67,8 +67,9 @@ class Task:
         return self.own_light * black, self.own_light * white
 
     def least_apart_hz(self, black_hz: float, white_hz: float) -> float:
-        """How far apart two frequencies must be: more than their oscillators may be off, and than what lets them drift
-        by a cycle over a whole picture.
+        """Returns how far apart two frequencies must be.
+
+        That is more than their oscillators may be off, and than what lets them drift by a cycle over a whole picture.
         """
         scan_s = self.sensor.intrinsics.height * self.sensor.row_time_us * 1e-6
         return max(self.tolerance * (black_hz + white_hz), 1.0 / scan_s)
@@ -79,7 +80,7 @@ class Task:
         return min(abs(phase_advance_cycles(hz, period_us)) for hz in (black_hz, white_hz))
 
     def periods_in_a_cell(self, frequency_hz: float, distance_m: float) -> float:
-        """How many periods of the bands a cell is high, from there."""
+        """Counts the periods of the bands that a cell is high, from there."""
         rows = self.sensor.intrinsics.fy * self.side_m / self.cells / distance_m
         return rows * self.sensor.row_time_us * 1e-6 * frequency_hz
 
@@ -107,7 +108,7 @@ class Proposal:
         return [min(1.0, nats / ENOUGH_NATS) for nats in (*self.alone, *self.stream)]
 
     def dominates(self, other: Proposal) -> bool:
-        """Whether there is no case in which the decoder would be better off with `other`."""
+        """Tells whether there is no case in which the decoder would be better off with `other`."""
         return all(own >= others - _SAME for own, others in zip(self.worth(), other.worth(), strict=True))
 
 

@@ -18,7 +18,7 @@ from ledpi.tools.panel.reach import RELIABLE, Reach
 
 
 def summary_line(verb: str, named: tuple[Proposal, Reach], present: tuple[Proposal, Reach] | None = None) -> str:
-    """What a person wants to know first, as in `best are 1253.33 and 2557.54 Hz: …`."""
+    """Says what a person wants to know first, as in `best are 1253.33 and 2557.54 Hz: …`."""
     text = f"{verb} {_hz(named[0])}: a panel is read {_read_to(named[1])}"
     if present is not None:
         text += f"; the present {_hz(present[0])}: {_read_to(present[1])}"
@@ -35,7 +35,7 @@ def _read_to(reach: Reach) -> str:
 
 
 def task_text(task: Task) -> str:
-    """What was asked, and what the exposure does to lamps on the mains."""
+    """Says what was asked, and what the exposure does to lamps on the mains."""
     sensor = task.sensor
     through = [f"{100 * abs(np.sinc(hz * sensor.exposure_us * 1e-6)):.0f} % at {hz} Hz" for hz in (100, 120)]
     return "\n".join(
@@ -82,7 +82,7 @@ def _metres(range_m: float | None) -> str:
 
 
 def legend() -> str:
-    """What the columns mean."""
+    """Says what the columns mean."""
     sentences = (
         "depth of bands: peak to peak over the mean, as the exposure leaves them. advance: in cycles; near 0 a class "
         "is frozen. periods a cell: of the bands, from the farthest distance. nats: what tells the classes apart in a "
@@ -94,7 +94,7 @@ def legend() -> str:
 
 
 def antiphase_text(proposal: Proposal, reach: Reach, best: Reach, dictionary: Dictionary) -> str:
-    """What an antiphase panel would be worth beside the best pair, and what it costs."""
+    """Says what an antiphase panel would be worth beside the best pair, and what it costs."""
     own, pair = ([_metres(r.range_m(chances)) for chances in (r.alone, r.stream)] for r in (reach, best))
     readable = dictionary.readable_ids("antiphase")
     ids = (

@@ -21,7 +21,7 @@ SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
 
 
 class Build(StrEnum):
-    """How the driver is wired: an output for each class, or one for each cell."""
+    """The driver's wiring: an output for each class, or one for each cell."""
 
     TWO_OUTPUTS = "two-outputs"
     SIXTEEN_CELLS = "sixteen-cells"
@@ -182,7 +182,7 @@ def write_firmware(firmware: Firmware, readme: str, out: Path) -> None:
 
 
 def missing_tools() -> tuple[str, ...]:
-    """What `make` would need and is not installed."""
+    """Lists what `make` would need and is not installed."""
     return tuple(tool for tool in ("make", "avr-gcc", "avr-objcopy") if shutil.which(tool) is None)
 
 

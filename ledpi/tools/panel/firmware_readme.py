@@ -80,7 +80,7 @@ is told an ID: dark is better than wrong.
 
 
 def _antiphase(firmware: Firmware) -> str:
-    """How the classes go together, where they do."""
+    """Says how the classes go together, where they do."""
     if firmware.phase == "free":
         return ""
     text = " Black and white are in antiphase: one is on while the other is off (`panels.phase: antiphase`)."

@@ -32,7 +32,7 @@ _STEP_WITHOUT_NULLS, _MAX_HZ_WITHOUT_NULLS = 1.1, 4.0
 
 
 def null_share(frequency_hz: float, exposure_us: float, tolerance: float = 0.0) -> float:
-    """How deep the bands are, over the deepest that this exposure leaves of a frequency near by; 0 on a null.
+    """Returns how deep the bands are, over the deepest that this exposure leaves near by; 0 on a null.
 
     The least of all within ± `tolerance` (relative). The deepest is where the exposure holds a whole number and a half
     of cycles, and 2 where it holds less than half of one.

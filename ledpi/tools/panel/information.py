@@ -1,4 +1,4 @@
-"""How much a camera's pictures of a panel tell of each cell's class, for any pair of frequencies and frame period.
+"""Information of a camera's pictures on each cell's class, for any pair of frequencies and frame period.
 
 A cell shows its class's bands x_k (cosine and sine of amplitude a_k). Taken for the other class it would have to show
 the other's, so what tells the two apart is δ = (−x_black, +x_white), or −2·x_black in antiphase. I, the decoder's own
@@ -94,7 +94,7 @@ def _steady_scene(sensor: SimulatedSensor, cells: int, side_m: float, distance_m
 
 
 def evidence_of(view: View, spec: PanelSpec, *, frames: int, frame_length_rows: int) -> Evidence:
-    """What the decoder knows after so many frames: its information, and a score that is noise alone.
+    """Draws what the decoder knows after so many frames: its information, and a score that is noise alone.
 
     A panel that it could not fit at all gives information 0.
     """

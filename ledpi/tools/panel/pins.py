@@ -37,7 +37,7 @@ ROOM_LUX = 300.0  # a lit room
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinCircuit:
-    """What each pin drives. Currents are those while it is high, half of the time."""
+    """Loads of each pin. Currents are those while it is high, half of the time."""
 
     forward_v: float
     resistor_ohm: float
@@ -53,7 +53,7 @@ class PinCircuit:
         return (USB_MOST_V - self.forward_v + _SPREAD_V) / (self.resistor_ohm + PIN_OHM)
 
     def ports_most_a(self) -> dict[str, float]:
-        """Of each group of ports that the data sheet has a sum for, all their cells lit."""
+        """Returns the most of each group of ports that the data sheet has a sum for, all their cells lit."""
         return {name: self.most_a * len(pins.intersection(CELL_PINS)) for name, pins in PORTS.items()}
 
     @property

@@ -1,4 +1,4 @@
-"""How far a pair of frequencies carries: the chance of being read, by distance."""
+"""The reach of a pair of frequencies: the chance of being read, by distance."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Reach:
     stream: tuple[float, ...]
 
     def range_m(self, chances: Sequence[float]) -> float | None:
-        """How far every chance is RELIABLE, read off between two distances; None where not even the nearest is."""
+        """Returns how far every chance is RELIABLE, read off between distances; None where not even the nearest is."""
         count = [chance >= RELIABLE for chance in (*chances, 0.0)].index(False)
         if count == 0 or count == len(chances):
             return self.distances_m[-1] if count else None
@@ -44,7 +44,7 @@ class Reach:
         return (self.range_m(self.alone) or 0.0) * (self.range_m(self.stream) or 0.0)
 
     def is_beyond(self, other: Reach) -> bool:
-        """Whether it is read further than `other` in one respect, and as far in the other, to 0.1 m."""
+        """Tells whether it is read further than `other` in one respect, and as far in the other, to 0.1 m."""
         own, others = ([round(r.range_m(c) or 0.0, 1) for c in (r.alone, r.stream)] for r in (self, other))
         return own != others and all(mine >= theirs for mine, theirs in zip(own, others, strict=True))
 

@@ -1,4 +1,4 @@
-"""What to buy for a panel, and what its electrics come to, as rows of text."""
+"""Parts to buy for a panel, and what its electrics come to, as rows of text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SPREAD_V = 0.1  # of LEDs of one batch
 
 
 def electrics(circuit: Circuit) -> list[tuple[str, str]]:
-    """What and how much."""
+    """Lists what, and how much."""
     spread_v = _SPREAD_V * circuit.leds
     low_ma, high_ma = (1e3 * (circuit.headroom_v + off_v) / circuit.resistor_ohm for off_v in (-spread_v, spread_v))
     black_ma, white_ma = (1e3 * amperes for amperes in circuit.class_a)

@@ -107,7 +107,7 @@ def draw_pins_schematic(axes: Axes, circuit: PinCircuit) -> None:
 
 
 def pin_electrics(circuit: PinCircuit, pitch_mm: float) -> list[tuple[str, str]]:
-    """What and how much."""
+    """Lists what, and how much."""
     ports = ", ".join(f"{name} {1e3 * amperes:.0f} mA" for name, amperes in circuit.ports_most_a().items())
     return [
         ("each cell", f"1 LED, and one resistor of {ohm_text(circuit.resistor_ohm)} (E24), from its own pin to GND"),

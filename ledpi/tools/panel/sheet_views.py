@@ -162,7 +162,7 @@ def text_size(axes: Axes, body: Body) -> float:
 
 
 def _points_per_mm(axes: Axes) -> float:
-    """Of the panel, as large as it is shown."""
+    """Returns that of the panel, as large as it is shown."""
     left, right = axes.get_xlim()
     return float(axes.get_position().width * WIDTH_MM / (right - left) * 72 / 25.4)
 

@@ -21,12 +21,12 @@ class HalfPeriod:
 
     @property
     def frequency_hz(self) -> float:
-        """What the timer really makes, if its clock is exact."""
+        """Returns what the timer really makes, if its clock is exact."""
         return frequency_of(self.cycles)
 
     @property
     def error_ppm(self) -> float:
-        """How far that is above what was asked for."""
+        """Returns how far that is above what was asked for."""
         return (self.frequency_hz / self.asked_hz - 1.0) * 1e6
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a pair of frequencies and a frame period, each with what would be right."""
+"""Faults of a pair of frequencies and a frame period, each with what would be right."""
 
 from __future__ import annotations
 

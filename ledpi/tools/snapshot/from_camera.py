@@ -28,7 +28,7 @@ class Looking:
         self._into = np.empty((camera.info.height, camera.info.width), np.uint8)
 
     def expose(self) -> None:
-        """Where the gain is `auto`: looks for the panels with every gain, for EXPOSE_S at most."""
+        """Looks for the panels with every gain, where the gain is `auto`, for EXPOSE_S at most."""
         follower = GainFollower(self._camera)
         if follower.settled:
             return

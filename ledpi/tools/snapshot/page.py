@@ -66,7 +66,7 @@ def draw(snapshot: Snapshot, why: Why) -> Pixels:
 
 
 def numbered(why: Why) -> list[Diagnosis]:
-    """What is told of, from 1 on; what most likely is no panel is left out."""
+    """Numbers what is told of, from 1 on; what most likely is no panel is left out."""
     return [one for one in why.diagnoses if one.kind != "shape"]
 
 

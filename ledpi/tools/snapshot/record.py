@@ -1,4 +1,4 @@
-"""What is drawn: one frame, and what was made of it."""
+"""The record of a drawing: one frame, and what was made of it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Snapshot:
 
     @property
     def dropped(self) -> list[Dropped]:
-        """What was four-sided and no panel."""
+        """Lists what was four-sided and no panel."""
         return self.trace.dropped
 
     def codeword(self, marker_id: int) -> Bits:

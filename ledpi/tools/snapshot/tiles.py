@@ -33,7 +33,7 @@ class Row:
 
 
 def tile_width(tiles: int) -> int:
-    """Of so many in a row."""
+    """Returns that of so many in a row."""
     return (WIDTH - 2 * BORDER - (tiles - 1) * GAP) // tiles
 
 
@@ -55,7 +55,7 @@ class View(NamedTuple):
         return np.asarray(shown if shown.ndim == 3 else cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR), np.uint8)
 
     def place(self, pixels: Floats) -> Floats:
-        """Where pixels (N, 2) of the frame, whose centres have whole numbers, lie in the tile."""
+        """Returns where pixels (N, 2) of the frame, whose centres have whole numbers, lie in the tile."""
         placed: Floats = (pixels + 0.5 - (self.left, self.top)) * self.scale - 0.5
         return placed
 
