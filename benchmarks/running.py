@@ -29,14 +29,14 @@ class Part:
 
     @property
     def missing(self) -> str | None:
-        """What of that is not here."""
+        """Returns what of that is not here."""
         if self.module is not None and find_spec(self.module) is None:
             return f"no {self.module} in this environment: see its --help"
         return f"{self.path} is not here" if self.path is not None and not self.path.exists() else None
 
 
 def run(package: str, parts: Sequence[Part]) -> int:
-    """What `python -m PACKAGE …` does with its arguments; returns its exit status."""
+    """Runs what `python -m PACKAGE …` does with its arguments; returns its exit status."""
     asked = sys.argv[1:]
     if asked and asked[0] in ("-h", "--help"):
         print(overview(package, parts))

@@ -30,7 +30,7 @@ UNKNOWN_VARIANCE = 1e6  # m² or rad²: a filter gives it no weight
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseFields:
-    """What a message holds of a pose."""
+    """A message's fields of a pose."""
 
     stamp_ns: int  # of the picture, not of the packet's arrival
     position_m: tuple[float, float, float]
@@ -94,7 +94,7 @@ class Publishers:
 
 
 def _fill(header: Any, frame: str, fields: PoseFields, at: Any, turned: Any) -> None:
-    """What both kinds of message have under different names."""
+    """Fills what both kinds of message have under different names."""
     from rclpy.time import Time
 
     header.frame_id = frame

@@ -60,15 +60,17 @@ HEADING = f"{'time':>7}  {'ID':>4}     {'decoded x, y, z':24}     {'true x, y, z
 
 
 class Truth:
-    """Where the panels really are."""
+    """The panels' true places."""
 
     def __init__(self, config: Config) -> None:
         self._camera = open_simulated(config, paced=False)
         self._sensor = simulated_sensor(config.camera, config.panels)
 
     def nearest(self, position_m: Floats, exposed_ns: int) -> TruthMarker | None:
-        """Of the panels in the picture that was mid-exposed, at the pose's row, at or just before `exposed_ns` of the
-        scene's clock: the one that is nearest to the pose's direction.
+        """Returns, of the panels in a picture, the one that is nearest to the pose's direction.
+
+        The picture is the one that was mid-exposed, at the pose's row, at or just before `exposed_ns` of the scene's
+        clock.
         """
         sensor, lens = self._sensor, self._sensor.intrinsics
         row = lens.fy * position_m[1] / position_m[2] + lens.cy
@@ -84,7 +86,7 @@ def _apart(marker: TruthMarker, position_m: Floats) -> float:
 
 @dataclass(slots=True)
 class Tally:
-    """What came out."""
+    """Counts of what came out."""
 
     frames: int = 0
     right: Counter[int] = field(default_factory=Counter)
@@ -236,7 +238,7 @@ def _hang_up(monitor: subprocess.Popen[str], run: subprocess.Popen[str], limit_s
 
 @contextmanager
 def live_page(log: Path, tap: str) -> Iterator[None]:
-    """What the daemon sees, for a browser on this machine, until the block is left."""
+    """Shows what the daemon sees, to a browser on this machine, until the block is left."""
     with running(log, "view", "--config", CONFIG, "--set", tap, "--set", "view.listen=127.0.0.1:0") as view:
         if (said := next(iter(view.stdout or ()), "").strip()).startswith("open "):
             print(f"{said} in a browser on this machine to see it live; --seconds 600 gives more time", flush=True)

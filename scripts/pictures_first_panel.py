@@ -27,7 +27,7 @@ EXPOSURE_S = whole_rows_us(1e4, OV5647_ROW_TIME_US) * 1e-6
 
 
 def draw_waves(trace: PinTrace, to: Path) -> None:
-    """What the pins do, and what an exposure of 10 ms leaves of it in a column of pixels."""
+    """Draws what the pins do, and what an exposure of 10 ms leaves of it in a column of pixels."""
     figure = Figure(figsize=(8.0, 5.2), layout="constrained")
     pins, rows = figure.subplots(2, 1)
     y = np.arange(80)

@@ -58,7 +58,7 @@ def draw_bands(task: Task, to: Path) -> None:
 
 
 def draw_second_frequency(task: Task, to: Path) -> None:
-    """What one frame tells of a cell, against the frequency of white, with black at 1253 Hz."""
+    """Draws what one frame tells of a cell, against the frequency of white, with black at 1253 Hz."""
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     axes = figure.subplots()
     views = views_of(task)
@@ -75,7 +75,7 @@ def draw_second_frequency(task: Task, to: Path) -> None:
 
 
 def draw_period(task: Task, to: Path) -> None:
-    """What four frames tell of a cell, against the frame's period; and how far either class advances."""
+    """Draws what four frames tell of a cell, against the frame's period; and how far either class advances."""
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     nats, advance = figure.subplots(2, 1, sharex=True)
     views = views_of(task)

@@ -1,1 +1,1 @@
-"""What ledpi promises, and what holds it to that."""
+"""Promises of ledpi, and what holds it to them."""

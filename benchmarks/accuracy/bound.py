@@ -1,4 +1,4 @@
-"""How close reading comes to its bound: the share of panels that are read, beside decoders that are told more.
+"""Reading beside its bound: the share of panels that are read, and that of decoders that are told more.
 
     python -m benchmarks.accuracy bound SET [--single] [--skip N]
     python -m benchmarks.accuracy bound [--takes 24] [--stream] [DISTANCE…]
@@ -53,7 +53,7 @@ DECODERS = ("ledpi", "true corners", "and bands")
 
 
 def oracle_bands(evidence: Evidence, book: Codebook, true: int, rate: float) -> bool:
-    """Whether the true word stands against every other pattern of the cells, given the bands that fit it best."""
+    """Tells whether the true word stands against every other pattern of the cells, given the bands that fit it best."""
     cells = book.white.shape[1]
     patterns = (np.arange(2**cells)[:, None] >> np.arange(cells) & 1).astype(np.float64)
     bands = rank_codewords(evidence, book.white[true : true + 1]).bands
@@ -67,7 +67,7 @@ def oracle_bands(evidence: Evidence, book: Codebook, true: int, rate: float) -> 
 
 
 def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bool) -> Iterator[dict[str, bool]]:
-    """Of each frame of a take, or of one: what each decoder reads."""
+    """Returns of each frame of a take, or of one, what each decoder reads."""
     take = draw_take(condition, panels, 1, number)
     sensor, spec = take.scene.sensor, panels.spec()
     dictionary = load_dictionary(panels.dictionary)

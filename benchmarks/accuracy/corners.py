@@ -1,4 +1,4 @@
-"""How exact the corners and poses of simulated panels are, by distance: without reading them, so that none is left out.
+"""Errors of simulated panels' corners and poses, by distance: without reading them, so that none is left out.
 
 Each take has its own place, roll, room, brightness, cell gains and word. The case is one of the suite `robustness` of
 `ledpi evaluate`.
@@ -56,7 +56,7 @@ def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
 
 
 def errors_of(condition: Condition, panels: PanelSettings, number: int) -> list[tuple[float, ...]]:
-    """Of each panel of a take: size in percent, corners in px rms, stated and true variance, position in mm, angle."""
+    """Returns of each panel of a take: size in percent, corners in px rms, stated and true variance, mm, angle."""
     take = draw_take(condition, panels, 1, number)
     renderer, lens = Renderer(take.scene, seed=take.seed), take.scene.sensor.intrinsics
     frame = renderer.frame(SEQ)

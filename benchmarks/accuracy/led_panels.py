@@ -43,7 +43,7 @@ NOISE = 0.01
 
 
 def light_of(lamp: Photograph) -> Floats:
-    """Of each row, of mean 1 over the lamp; what is saturated is as bright as the brightest that is not."""
+    """Returns each row's, of mean 1 over the lamp; what is saturated is as bright as the brightest that is not."""
     rows = row_profile(lamp, srgb_tone)
     rows = np.where(np.isfinite(rows), rows, np.nanmax(rows))
     return np.asarray(rows / rows.mean())

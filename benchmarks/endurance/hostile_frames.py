@@ -122,7 +122,7 @@ def frames(camera: CameraInfo, panels: PanelSettings, rng: Rng, kind: int, *, ea
 
 @dataclass(frozen=True)
 class Blink:
-    """How bright either class is in each row."""
+    """The brightness of either class in each row."""
 
     spec: PanelSpec
     camera: CameraInfo
@@ -130,7 +130,7 @@ class Blink:
     phases: Floats  # cycles, of either class at time 0
 
     def weights(self, at_ns: int) -> list[Floats]:
-        """Of black, and of white, in a frame that is read out from `at_ns` on."""
+        """Returns those of black, and of white, in a frame that is read out from `at_ns` on."""
         antiphase = self.spec.phase == "antiphase"
         phases = (self.phases[0], self.phases[0] + 0.5) if antiphase else self.phases
         return [
@@ -162,7 +162,7 @@ def check_numbers(decoded: Decoded) -> None:
 
 @dataclass
 class Tally:
-    """What has been decoded so far."""
+    """Counts of what has been decoded so far."""
 
     scenes: int = 0
     frames: int = 0

@@ -28,14 +28,14 @@ class Drawing:
         self.light[layer] = np.maximum(self.light[layer], light)
 
     def draw(self, shape: Callable[[Pixels], object], layer: int | np.integer) -> None:
-        """What `shape` draws at 255 into an empty picture."""
+        """Draws `shape` at 255 into an empty picture."""
         picture = np.zeros(self.light.shape[1:], np.uint8)
         shape(picture)
         self.add(picture.astype(np.float32) / 255, layer)
 
 
 def noise(drawing: Drawing, rng: Rng) -> None:
-    """Of pixels, or of larger grains."""
+    """Draws it in pixels, or in larger grains."""
     grain, layer = int(rng.integers(1, 9)), rng.integers(3)
     _, height, width = drawing.light.shape
     grains = rng.random((height // grain + 1, width // grain + 1), np.float32)

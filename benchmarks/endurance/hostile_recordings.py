@@ -57,7 +57,7 @@ VALUES = (0, 1, -1, 10, 1000, 5000, 100_000, 10_000_000, 0.001, 0.01, 0.99, 1e30
 
 @dataclass
 class Tally:
-    """What has been read so far."""
+    """Counts of what has been read so far."""
 
     recordings: int = 0
     refused: int = 0

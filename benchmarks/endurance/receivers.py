@@ -107,7 +107,7 @@ def received_in_python(stream: bytes) -> Received:
 
 
 def faults(stream: bytes, whole: list[Message]) -> list[str]:
-    """What the two receivers did wrong."""
+    """Lists what the two receivers did wrong."""
     python, c = received_in_python(stream), received_in_c(stream)
     found = []
     for name, received in (("Python", python), ("C", c)):

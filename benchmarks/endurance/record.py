@@ -29,7 +29,7 @@ from tests.builders.virtual_picamera2 import Behaviour, show, use
 
 
 def command(*arguments: str) -> str:
-    """What a command of ledpi prints, in this process, as only this one has the virtual camera."""
+    """Returns what a command of ledpi prints, in this process, as only this one has the virtual camera."""
     sys.argv = ["ledpi", *arguments, *(part for item in SETTINGS for part in ("--set", item))]
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):

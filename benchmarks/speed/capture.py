@@ -1,4 +1,4 @@
-"""What ledpi's part of capturing a frame costs beside picamera2's own, and beside the one copy that it must make.
+"""The cost of capturing a frame beside picamera2's own, and beside the one copy that it must make.
 
     scripts/virtual-camera && .cache/virtual-camera/bin/python -m benchmarks.speed capture
 

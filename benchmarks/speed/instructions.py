@@ -32,7 +32,7 @@ MOST_GROWTH = 0.1
 
 
 def decode(pictures: Path) -> None:
-    """What is counted: of each of KINDS a stretch of MORE frames, once all is warm."""
+    """Runs what is counted: of each of KINDS a stretch of MORE frames, once all is warm."""
     cv2.setNumThreads(1)
     frames, scene = pickle.loads(pictures.read_bytes()), scene_of(1)
     single, stream = (pipeline_of(scene, stream=each) for each in (False, True))

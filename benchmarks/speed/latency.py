@@ -37,7 +37,7 @@ FRAMES = 600  # of the recording, which is repeated: in each first one, nothing 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Latency:
-    """What a run came to, in milliseconds."""
+    """The results of a run, in milliseconds."""
 
     packets: int
     decode_p50: float
@@ -76,7 +76,7 @@ def recording_in_memory(frames: int = FRAMES, *, plain: bool = False) -> Iterato
 
 
 def latencies_ms(markers: Sequence[MarkerMessage], take: Path, centre_row: float = CENTRE_ROW) -> Floats:
-    """Of each packet: from the frame that is ready to its first byte."""
+    """Returns that of each packet: from the frame that is ready to its first byte."""
     return np.array([marker.age_us for marker in markers]) / 1e3 - mid_exposure_to_ready_ms(take, centre_row)
 
 

@@ -1,4 +1,4 @@
-"""How long a frame with 1 to 8 panels takes, searching and tracking, beside OpenCV's detectMarkers on the same frames.
+"""The time of a frame with 1 to 8 panels, searching and tracking, beside OpenCV's detectMarkers on the same frames.
 
 Each frame is decoded three ways in turn, in one process, OpenCV on one thread; frames with 1 to 8 panels take turns,
 so that what slows the machine down for a while slows all alike. Figures are medians of processor time, those of stages
@@ -79,7 +79,7 @@ class Contest:
         return float(np.median(self.taken_ms[name]))
 
     def lines(self) -> Iterator[str]:
-        """How long it took, beside detectMarkers, and where the time goes."""
+        """Says how long it took, beside detectMarkers, and where the time goes."""
         count, theirs = len(self.scene.panels), self.median_ms(THEIRS)
         for name, decoded in self.decoded.items():
             read = sum(len(each.markers) for each in decoded)

@@ -1,4 +1,4 @@
-"""What two viewers of the live page and the last seconds cost the running daemon: latency and memory; the page's age.
+"""The cost of two viewers and of the last seconds to the running daemon: latency and memory; the page's age.
 
 One daemon after the other on a recording, paced as its sensor, in turns: without followers and `rewind.seconds: 0`; and
 with its ring of the last seconds and `ledpi view`, of which two pages ask for pictures and state as a browser does.
@@ -51,7 +51,7 @@ class Turn:
 
 
 def scheduled() -> tuple[list[str], list[str]]:
-    """What daemon and page are started with."""
+    """Returns what daemon and page are started with."""
     try:
         if subprocess.run([*AS_UNIT[0], "true"], check=False, capture_output=True).returncode == 0:
             return AS_UNIT
@@ -163,7 +163,7 @@ def cost(turns: int, seconds: float, allow: float) -> list[str]:
 
 
 def ages_ms(seconds: float) -> Floats:
-    """Of the pictures that Chromium has drawn, by the page's own measure."""
+    """Returns those of the pictures that Chromium has drawn, by the page's own measure."""
     read = "return ['figure', 'age'].map(id => ({...document.getElementById(id).dataset})).map(d => d.seq || d.ms)"
     ages: dict[str, float] = {}
     with _watched_daemon() as page, browser() as chromium:

@@ -1,4 +1,4 @@
-"""What is worst for the decoder, beside a panel that can be read: poses a second, the longest frame, a newcomer.
+"""The worst for the decoder, beside a panel that can be read: poses a second, the longest frame, a newcomer.
 
 Scenes full of what looks like panels at first (packed grids, window panes, a keyboard, 128 squares, LED matrices, text,
 noise) stand around a panel, and wobble by a pixel a frame; after half of the time a second panel comes among them. Each
@@ -65,7 +65,7 @@ LEAST_SHARE, MOST_PERIODS, SECOND_WITHIN_S, FED_EACH_S = 0.9, 1.5, 1.0, 2.0
 
 
 class Scenery:
-    """What the camera sees, frame by frame; the second panel from `comes` on."""
+    """The camera's view, frame by frame; the second panel from `comes` on."""
 
     def __init__(self, camera: CameraInfo, panels: PanelSettings, draw: Callable[[Drawing], None], comes: int) -> None:
         self._camera, self._comes = camera, comes
@@ -108,7 +108,7 @@ def corners(camera: CameraInfo, marker_id: int) -> Floats:
 
 @dataclass(kw_only=True)
 class Run:
-    """What a scene came to. Times in ms, from the camera's first frame on."""
+    """The results of a scene. Times in ms, from the camera's first frame on."""
 
     period_ms: float
     took_ms: list[float] = field(default_factory=list)  # of each frame that was decoded

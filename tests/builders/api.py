@@ -17,7 +17,7 @@ SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 
 
 def pictures(count: int, *, distance_m: float, yaw_deg: float = 20.0) -> list[tuple[Pixels, int]]:
-    """Of panel 7: each with when its row 0's read-out began, in ns."""
+    """Yields those of panel 7: each with when its row 0's read-out began, in ns."""
     sensor = SimulatedSensor(intrinsics=INTRINSICS, exposure_us=9966.32, row_time_us=ROW_TIME_US, frame_length_rows=507)
     scene = still_scene(sensor, {7: SPEC}, "DICT_4X4_50", distance_m=distance_m, angle_deg=yaw_deg)
     camera, taken = SimulatedCamera(scene, seed=1, paced=False), []

@@ -1,4 +1,4 @@
-"""What tests of the configuration and of its page share: the keys that there are, and those that a file writes."""
+"""Keys of the configuration, for its tests and its page's: those that there are, and those that a file writes."""
 
 from __future__ import annotations
 

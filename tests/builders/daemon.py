@@ -170,7 +170,7 @@ def wait_for_log(process: subprocess.Popen[str], text: str) -> str:
 
 
 def slowness() -> float:
-    """How many times as long as planned work takes here, doubled: so much more time a busy machine gets.
+    """Returns how many times as long as planned work takes here, doubled: so much more time a busy machine gets.
 
     By short sleeps, and by how much of a processor is left to who wants all of one.
     """
@@ -186,7 +186,7 @@ def slowness() -> float:
 def write_recording(
     folder: Path, frames: int, *, calibrated: bool = True, plain: bool = False, rows: int = 504
 ) -> None:
-    """Of panel 7, a metre away, at rest. `plain`: before a wall without texture. `rows`: from frame to frame."""
+    """Writes one of panel 7, a metre away, at rest. `plain`: before a wall without texture. `rows`: frame to frame."""
     lens = ov5647_lens()
     sensor = SimulatedSensor(intrinsics=lens, exposure_us=9966.32, row_time_us=33.67, frame_length_rows=rows)
     scene = still_scene(sensor, {7: SPEC}, "DICT_4X4_50", distance_m=1.0, angle_deg=20.0)

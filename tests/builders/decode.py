@@ -63,7 +63,7 @@ def drawn(text: str) -> Bits:
 
 
 def word(marker_id: int, quarter_turns: int = 0) -> Bits:
-    """What a panel shows once it is turned clockwise: its left column, read upward, becomes the top row."""
+    """Returns what a panel shows once it is turned clockwise: its left column, read upward, becomes the top row."""
     bits = drawn(WORDS[marker_id])
     for _ in range(quarter_turns):
         bits = bits[::-1].T
@@ -78,7 +78,7 @@ def square(x: float, y: float, side: float, turn_deg: float = 0.0) -> Floats:
 
 
 def seen_through(lens: Intrinsics, straight: Floats) -> Floats:
-    """Where OpenCV's projection puts points (N, 2) that a lens without distortion would show at `straight`."""
+    """Returns where OpenCV's projection puts points (N, 2) that a lens without distortion would show at `straight`."""
     rays = (straight - (lens.cx, lens.cy)) / (lens.fx, lens.fy)
     points = np.column_stack([rays, np.ones(len(rays))])
     still = np.zeros(3)
@@ -207,7 +207,7 @@ Painted = tuple[tuple[slice, slice], Floats, list[Floats]]
 def _painted(
     corners: Floats, levels: list[Floats], profile: Profile, blur_px: float, lens: Intrinsics | None
 ) -> Painted:
-    """Where in the picture, how opaque there, and the blurred light of each of `levels`, (n, n) cells.
+    """Returns where in the picture, how opaque there, and the blurred light of each of `levels`, (n, n) cells.
 
     Kept for the next frame, or the next exposure, of the same panel in the same place.
     """

@@ -25,7 +25,7 @@ PLACE_PX, SIDE_PX = (319.5 + 2.56 + 643 * ASIDE_M, 239.5 - 1.92), 103.0
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """What is other than it should be. `says`: in the words that a person is told."""
+    """A thing that is other than it should be. `says`: in the words that a person is told."""
 
     says: str
     panel: Mapping[str, Any] = field(default_factory=dict)  # of panel 11
@@ -78,7 +78,7 @@ FAULTS: dict[str, Fault] = {
 
 
 def config_of(fault: Fault, *settings: str) -> Config:
-    """What the daemon is told."""
+    """Returns what the daemon is told."""
     return load_config(None, ("panels.side_m=0.16", "camera.source=simulated", *fault.settings, *settings))
 
 

@@ -1,4 +1,4 @@
-"""What ledpi's modules import, read from their source."""
+"""Imports of ledpi's modules, read from their source."""
 
 from __future__ import annotations
 

@@ -213,7 +213,7 @@ class MadeUpDaemon:
         return np.repeat(rows.astype(np.uint8)[:, None], width, axis=1)
 
     def _send_piece(self, client: socket.socket, request: dict[str, Any]) -> None:
-        """Of a take of TAKE_BYTES; from `take_breaks_at` on there is none."""
+        """Sends one of a take of TAKE_BYTES; from `take_breaks_at` on there is none."""
         offset = request["offset"]
         if request["name"] != TAKE or offset >= self.take_breaks_at:
             self._send(client, {"type": "error", "id": request["id"], "error": f"take: no {request['name']}"})
@@ -232,5 +232,5 @@ _EXTRAS = {"rejected": "rejected", "looks": "evidence"}  # a line's key, and wha
 
 
 def asks(request: dict[str, Any], key: str) -> bool:
-    """Whether a request for a picture wants what stands at a key."""
+    """Tells whether a request for a picture wants what stands at a key."""
     return _EXTRAS[key] in request.get("with", [])

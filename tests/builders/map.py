@@ -98,7 +98,7 @@ def frame(seq: int = 0) -> Frame:
 
 
 def detection(marker_id: int, corners: Floats) -> Detection:
-    """Of a panel that has been followed, before a camera that stands still."""
+    """Makes that of a panel that has been followed, before a camera that stands still."""
     return Detection(
         id=marker_id,
         corners_px=corners,

@@ -39,7 +39,7 @@ def sensor(exposure_us: float, row_time_us: float = ROW_TIME_US) -> SimulatedSen
 
 
 def any_panel(rng: np.random.Generator, near_m: float, far_m: float) -> Panel:
-    """Of any ID and make, somewhere in the middle of the view, turned by up to 60°."""
+    """Makes one of any ID and make, somewhere in the middle of the view, turned by up to 60°."""
     marker_id, depth_m = int(rng.choice(IDS)), rng.uniform(near_m, far_m)
     place_m = depth_m * np.array([rng.uniform(-0.25, 0.25), rng.uniform(-0.17, 0.17), 1.0])
     yaw, pitch, roll = rng.uniform(-60, 60), rng.uniform(-15, 15), rng.uniform(-30, 30)
@@ -156,12 +156,12 @@ class Judged:
 
     @property
     def misleads(self) -> bool:
-        """Whether a robot would take it for right, and it is 10° off or more, or its place six deviations."""
+        """Tells whether a robot would take it for right, and it is 10° off or more, or its place six deviations."""
         return self.plain and (self.off_deg > 10.0 or self.deviations > 6.0)
 
 
 def poses(scene: Scene, seed: int, frames: int, *, stream: bool) -> Iterator[Judged]:
-    """What is made of a scene's frames."""
+    """Returns what is made of a scene's frames."""
     renderer, lens = Renderer(scene, seed=seed), scene.sensor.intrinsics
     pipeline = Pipeline(sensor_info(scene.sensor), panel_settings(), intrinsics=lens, stream=stream)
     for seq in range(frames):

@@ -63,7 +63,7 @@ class Panel:
         return 1.0 + self.hot * sum(np.cos(self.leds * math.tau * at) for at in places)
 
     def _openings(self, at: Floats, rim: tuple[float, float], shift: float) -> tuple[list[Floats], Floats, Floats]:
-        """How open each cell is along one axis, how much is before the first one, and how much after the last.
+        """Returns how open each cell is along one axis, how much is before the first one, and how much after the last.
 
         Sight ends `shift` further on: at one end of each cell, so much of it on a wall's face.
         """

@@ -75,7 +75,7 @@ def _signature(text: str) -> inspect.Signature:
 
 
 class Sensor:
-    """What picamera2's methods do. `forgetful`: what is asked before the start is lost. `failing`: raised by reads."""
+    """Picamera2's methods. `forgetful`: what is asked before the start is lost. `failing`: raised by reads."""
 
     def __init__(self, *, forgetful: bool = False, obeys: bool = True, failing: Exception | None = None) -> None:
         self.camera_controls = {

@@ -86,7 +86,7 @@ def each_call(trace: list[str]) -> Iterator[tuple[str, int]]:
 
 
 class Disk:
-    """What one folder may hold after a power cut, by a process's trace.
+    """Contents that one folder may have after a power cut, by a process's trace.
 
     As a journalling file system promises, and no more: names change in their order, and for good at the latest when
     the folder is synchronised; a file's bytes are there when the file is.

@@ -30,7 +30,7 @@ _UNKNOWN |= dict.fromkeys(("decode_p50_us", "decode_p99_us"), 0xFFFF)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Received:
-    """What a receiver made of a stream."""
+    """A receiver's result of a stream."""
 
     messages: list[Message]
     counters: ReceiverCounters
@@ -50,7 +50,7 @@ def host_receiver() -> Path:
 
 
 def received_in_c(stream: bytes) -> Received:
-    """What the C receiver makes of a stream."""
+    """Returns what the C receiver makes of a stream."""
     done = subprocess.run([host_receiver()], input=stream, capture_output=True, check=True, timeout=600)
     *lines, last = (json.loads(line) for line in done.stdout.splitlines())
     faults = {name: count for name, count in zip(_FAULTS, last["faults"], strict=True) if count}

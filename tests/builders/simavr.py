@@ -32,7 +32,7 @@ Cycles = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinTrace:
-    """What a program did from its reset on."""
+    """The doings of a program from its reset on."""
 
     edges: dict[str, Cycles]  # by pin, as PB1: the clock cycles at which it changed; it is low before the first
     end: int  # cycle at which the emulator was stopped

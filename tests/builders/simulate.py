@@ -71,7 +71,7 @@ def share_on(start_s: float, length_s: float, frequency_hz: float, phase_cycles:
 def light_by_counting(
     scene: Scene, phases_cycles: tuple[float, ...], seq: int, row: int, columns: range, *, steps: int
 ) -> Floats:
-    """What the pixels of a row collect of the scene's one FLAT panel, by counting points in area, blur and time."""
+    """Counts what the pixels of a row collect of the scene's one FLAT panel, by points in area, blur and time."""
     camera, only = scene.sensor, scene.panels[0]
     area = (np.arange(7) + 0.5) / 7 - 0.5
     if camera.psf_sigma_px > 0:
@@ -100,7 +100,7 @@ def light_by_counting(
 
 
 def opencv_pixels(points_m: Floats, camera_from_body: Floats, lens: Intrinsics) -> Floats:
-    """Where OpenCV sees a body's points (N, 3)."""
+    """Returns where OpenCV sees a body's points (N, 3)."""
     turn, shift = cv2.Rodrigues(camera_from_body[:3, :3])[0], camera_from_body[:3, 3]
     return cv2.projectPoints(points_m, turn, shift, lens.matrix(), np.array(lens.distortion))[0].reshape(-1, 2)
 

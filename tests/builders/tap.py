@@ -142,7 +142,7 @@ def at(path: Path) -> str:
 
 
 def wait_until(there: Callable[[], bool]) -> None:
-    """Of another thread's work."""
+    """Waits for another thread's work."""
     deadline_s = time.monotonic() + DEADLINE_S
     while not there():
         assert time.monotonic() < deadline_s, "what was waited for did not come"

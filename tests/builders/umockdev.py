@@ -87,14 +87,14 @@ class Board:
 
 
 def works() -> bool:
-    """Whether udev, umockdev and leave to make a mount namespace are there."""
+    """Tells whether udev, umockdev and leave to make a mount namespace are there."""
     if shutil.which("udevadm") is None or shutil.which("umockdev-run") is None or os.geteuid() != 0:
         return False
     return subprocess.run(["unshare", "-m", "true"], check=False, capture_output=True).returncode == 0
 
 
 def with_boards(folder: Path, boards: list[Board], rules: dict[str, str], command: str) -> str:
-    """What a shell command prints where these boards are plugged in, with our rules by their files' names."""
+    """Returns what a shell command prints where these boards are plugged in, with our rules by their files' names."""
     described = "\n".join([BUS, *(board.described() for board in boards)])
     (folder / "boards.umockdev").write_text(described, encoding="utf-8")
     (folder / "rules").mkdir()

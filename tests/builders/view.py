@@ -32,7 +32,7 @@ PHONE = (360, 740)
 
 @dataclass(frozen=True)
 class Page:
-    """Where `ledpi view` serves, and the token that it has printed."""
+    """A page: where `ledpi view` serves, and the token that it has printed."""
 
     process: subprocess.Popen[str]
     address: str  # with the token
@@ -44,7 +44,7 @@ class Page:
         return json.loads(self.asked(path))
 
     def frame(self, kind: str) -> dict[str, Any]:
-        """What is told with the next picture."""
+        """Returns what is told with the next picture."""
         data = b""
         while not data:  # no picture yet
             data = self.asked(f"/api/frame?kind={kind}")
@@ -122,7 +122,7 @@ def start_still_daemon(folder: Path, fault: str) -> subprocess.Popen[str]:
 
 
 def _start(command: list[str], at: Path, folder: Path | None = None) -> subprocess.Popen[str]:
-    """What it saves is saved in `folder`, where nobody's own recordings are."""
+    """Starts it; what it saves is saved in `folder`, where nobody's own recordings are."""
     environment = os.environ | {"XDG_STATE_HOME": str((folder or at) / "state")}
     return subprocess.Popen(command, cwd=at, env=environment, stderr=subprocess.DEVNULL, text=True)
 

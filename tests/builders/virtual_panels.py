@@ -1,4 +1,4 @@
-"""What the virtual camera shows: three rendered panels, and the configuration that reads them."""
+"""The view of the virtual camera: three rendered panels, and the configuration that reads them."""
 
 from __future__ import annotations
 

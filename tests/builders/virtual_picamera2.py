@@ -50,7 +50,7 @@ MODES = [  # of the OV5647, drivers/media/i2c/ov5647.c
 
 @dataclass
 class Behaviour:
-    """What the sensor does. As it is here: an OV5647 at 58.333 MHz that does as told."""
+    """The sensor's doings. As it is here: an OV5647 at 58.333 MHz that does as told."""
 
     model: str = "ov5647"
     bit_depth: int = 10

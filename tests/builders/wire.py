@@ -1,4 +1,4 @@
-"""What the tests of the wire share: the vectors of docs/wire.md, and decoded frames of a known age."""
+"""Parts of the wire's tests: the vectors of docs/wire.md, and decoded frames of a known age."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ Painter = Callable[[Canvas, Floats, int], None]  # into the canvas, beside a pan
 
 @dataclass(frozen=True)
 class Condition:
-    """How a panel is built and hangs, and what is around it."""
+    """A panel: how it is built and hangs, and what is around it."""
 
     ids: tuple[int, ...] = (7,)  # of the panel; of frames alone they take turns
     also: tuple[int, ...] = ()  # others that `behind` paints
@@ -178,7 +178,7 @@ def dead(row: int, column: int) -> Floats:
 
 
 def columns(first: int, last: int) -> Condition:
-    """Of a panel only these are lit: turned away by however much, that is no panel."""
+    """Lights only these of a panel: turned away by however much, that is no panel."""
     lit = np.zeros((4, 4))
     lit[:, first : last + 1] = 1.0
     return Condition(cells=lambda _: word(7), gains=lit, turned_on_deg=9.0, turn_deg=0.0)

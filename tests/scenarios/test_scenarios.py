@@ -64,7 +64,7 @@ def allowed_px(text: str, distance_m: float) -> float:
 
 @cache
 def decoded(scenario: Scenario) -> tuple[Decoded, ...]:
-    """What a new pipeline makes of each frame."""
+    """Returns what a new pipeline makes of each frame."""
     camera = camera_info(exposure_us=scenario.exposure_us)
     lens, stream = scenario.condition.lens, scenario.stream
     path = Pipeline(camera, panel_settings(), intrinsics=lens, stream=stream)

@@ -1,4 +1,4 @@
-"""What every bridge keeps to, whatever it leads to: one contract, run by all kinds with real far ends.
+"""The contract that every bridge keeps to, whatever it leads to: run by all kinds with real far ends.
 
 A daemon's end of the tap shows a frame each 20 ms. Its panel's x holds the frame's number, in millimetres.
 """

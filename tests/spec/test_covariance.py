@@ -26,7 +26,7 @@ WHOLE = Effort(rounds=10, reweightings=2)
     ],
 )
 def test_the_covariance_is_that_of_the_errors(side: float, exposure_us: float) -> None:
-    """Of 60 places, phases and draws of noise: the median of a squared normalised error in eight dimensions is 7.3.
+    """Takes 60 places, phases and draws of noise: the median of a squared normalised error in eight dimensions is 7.3.
 
     Or less, as the fit allows for rims, light aside and walls before the diffuser, which are not drawn here.
     """

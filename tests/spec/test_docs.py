@@ -1,4 +1,4 @@
-"""What the documents point to is there."""
+"""Things that the documents point to: they are there."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def test_functions_that_the_algorithm_names_exist() -> None:
 
 
 def anchors(page: Path) -> set[str]:
-    """What a link may name after `#`: the headings, in lower case, blanks as hyphens, without punctuation."""
+    """Returns what a link may name after `#`: the headings, in lower case, blanks as hyphens, without punctuation."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_links_lead_to_headings(document: str) -> None:
-    """Of this page or another, where a link names one."""
+    """Looks in this page or another, where a link names one."""
     path = ROOT / document
     targets = re.findall(r"\]\(([^):]*)#([^)]+)\)", path.read_text(encoding="utf-8"))
     assert [(page, a) for page, a in targets if a not in anchors(path.parent / page if page else path)] == []
@@ -120,7 +120,7 @@ def test_the_help_of_every_command_has_an_example(monkeypatch: pytest.MonkeyPatc
 def test_a_list_of_commands_is_not_cut_short(
     group: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What a command does fits into the 80 columns of its group's help."""
+    """Compares what a command does with the 80 columns of its group's help."""
     monkeypatch.setattr("sys.argv", ["ledpi", *group, "--help"])
     with pytest.raises(SystemExit):
         main()

@@ -1,4 +1,4 @@
-"""What documents say of values is what the code says: keys and defaults, depths of bands, parts."""
+"""Values in documents are those of the code: keys and defaults, depths of bands, parts."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_how_deep_bands_are() -> None:
 
 @pytest.fixture(scope="module")
 def circuit() -> Circuit:
-    """Of panel 7, as `ledpi panel sheet 7` plans it."""
+    """The circuit of panel 7, as `ledpi panel sheet 7` plans it."""
     white = int(load_dictionary("DICT_4X4_50").codeword(7).sum())
     return plan_circuit(Lamps(supply_v=12.0, leds=None, forward_v=3.2, current_a=0.02), (16 - white, white))
 

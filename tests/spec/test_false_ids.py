@@ -1,4 +1,4 @@
-"""How often a panel that shows no word is taken for one: as often as was asked for."""
+"""The rate at which a panel that shows no word is taken for one: as was asked for."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HARD_PX = 30.0  # a panel's side where patterns are mistaken most: 16 cm at 3.1 
 
 
 def evidence_of(side: float, seed: int) -> Evidence:
-    """Of one frame of panel 7, anywhere in its bands."""
+    """Draws that of one frame of panel 7, anywhere in its bands."""
     rng = np.random.default_rng(seed)
     corners = square(310 + rng.uniform(), 240 + rng.uniform(), side, rng.uniform(-45, 45))
     canvas = Canvas(exposure_us=TRUE_10_MS_US)
@@ -147,7 +147,7 @@ def test_neighbours_beside_a_silent_cell() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_likeliest_pattern_is_found(seed: int) -> None:
-    """Of all 4096 that twelve cells may show, more than one cell from the word."""
+    """Tries all 4096 that twelve cells may show, more than one cell from the word."""
     evidence, own = without(evidence_of(40.0, seed), 0, 5, 6, 15), word(7).ravel().astype(np.float32)
     patterns = np.tile(own, (4096, 1))
     patterns[:, ~erased_cells(evidence)] = (np.arange(4096)[:, None] >> np.arange(12)) & 1

@@ -1,4 +1,4 @@
-"""What docs/faults.md promises: the unmodified daemon on a recording, a pty for the controller, and what goes wrong.
+"""Promises of docs/faults.md: the unmodified daemon on a recording, a pty for the controller, and what goes wrong.
 
 Every packet of every test here is looked at for its age.
 """
@@ -60,7 +60,7 @@ class Line:
         self._plugged = True
 
     def read(self, count: int = 65536, seconds: float = 0.02) -> list[Message]:
-        """What came by now, or comes within that time. Looks at each packet's age."""
+        """Reads what came by now, or comes within that time. Looks at each packet's age."""
         if not select.select([self._master], [], [], seconds)[0]:
             return []
         new = self._checked(self.receiver, os.read(self._master, count))
@@ -68,7 +68,7 @@ class Line:
         return new
 
     def _checked(self, receiver: Receiver, data: bytes) -> list[Message]:
-        """What these bytes complete; no pose of it is older than allowed."""
+        """Returns what these bytes complete; no pose of it is older than allowed."""
         new = receiver.feed(data)
         for message in new:
             assert not isinstance(message, MarkerMessage | FixMessage) or message.age_us <= MAX_AGE_US
@@ -378,7 +378,7 @@ class Stalling(OtherCamera):
 def test_a_stall_starves_the_watchdog(
     tmp_path: Path, plug: Callable[[], Line], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where no frame comes, systemd is not told that all is well; the controller is told that the camera is lost."""
+    """Tells systemd nothing while no frame comes, and the controller that the camera is lost."""
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
     monkeypatch.setenv("WATCHDOG_USEC", "100000")
     monkeypatch.delenv("WATCHDOG_PID", raising=False)

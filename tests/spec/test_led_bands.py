@@ -62,7 +62,7 @@ def test_real_lamps_show_the_predicted_bands(shared: Callable[[str], Path]) -> N
 
 @pytest.mark.slow
 def test_a_tone_curve_measured_at_500_hz_holds_at_other_frequencies(shared: Callable[[str], Path]) -> None:
-    """What is left under sRGB is mostly tone: with the curve from other photographs, 0.99 or better."""
+    """Leaves mostly tone under sRGB: with the curve from other photographs, 0.99 or better."""
     found, _ = bench.photographs(shared("real/led_bands"))
     tone = bench.measured_tone([p for p in found if p.frequency_hz == 500.0])
     for frequency, values in bench.correlations([p for p in found if p.frequency_hz != 500.0], tone).items():

@@ -70,7 +70,7 @@ def one_pass(seed: int) -> tuple[Scene, list[int]]:
 
 
 def mirror_poses_alone(seed: int) -> tuple[int, int]:
-    """Of one pass: the poses after the gap that are turned, and told without the true one; and all of them."""
+    """Returns, of one pass, the poses after the gap that are turned, and told without the true one; and all of them."""
     scene, shown = one_pass(seed)
     renderer = Renderer(scene, seed=seed)
     pipeline = Pipeline(sensor_info(SENSOR), PANELS, intrinsics=SENSOR.intrinsics)

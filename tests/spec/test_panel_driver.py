@@ -205,7 +205,7 @@ def test_every_line_has_one_answer(tmp_path: Path, seven: Path, line: bytes, ans
 
 
 def said_at_start(hex_file: Path, work: Path) -> str:
-    """What it answers to `id`."""
+    """Returns what it answers to `id`."""
     return emulate(hex_file, 0.08, work=work, arrivals=[(0.01, b"id\n")]).said.decode().strip()
 
 
@@ -219,7 +219,7 @@ def test_an_id_outlives_a_power_cut(tmp_path: Path, seven: Path) -> None:
 
 
 def test_a_program_for_another_id_shows_that_one(tmp_path: Path, seven: Path) -> None:
-    """What an older program kept in the EEPROM does not count."""
+    """Ignores what an older program kept in the EEPROM."""
     emulate(seven, 0.06, work=tmp_path, arrivals=[(0.01, b"id 23\n")])
     assert said_at_start(program(tmp_path / "nine", Build.SIXTEEN_CELLS, marker_id=9), tmp_path) == "ok id 9"
 

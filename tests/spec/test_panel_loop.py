@@ -33,7 +33,7 @@ UPRIGHT_PX = 1.0  # a corner of a marker read a quarter turn wrong would be a pa
 
 
 def traces(work: Path) -> dict[int, tuple[PinTrace, list[str]]]:
-    """What the pins did for each ID, and which pin each of its cells is wired to."""
+    """Records what the pins did for each ID, and which pin each of its cells is wired to."""
     found = {}
     for marker_id in WIRED_IDS:
         built = program(work / f"two{marker_id}", Build.TWO_OUTPUTS, marker_id)
@@ -46,7 +46,7 @@ def traces(work: Path) -> dict[int, tuple[PinTrace, list[str]]]:
 
 
 def decoded(folder: Path) -> list[dict[str, Any]]:
-    """What `ledpi decode` says of each frame of the recordings there, each frame alone."""
+    """Returns what `ledpi decode` says of each frame of the recordings there, each frame alone."""
     all_ids = f"panels.ids={list(range(50))}"  # also those that a part or a reflection of another panel can show
     command = [sys.executable, "-m", "ledpi", "decode", "--single-frame", "--set", all_ids, str(folder)]
     done = subprocess.run(command, cwd=folder, env=PATHS, capture_output=True, text=True, check=True)

@@ -50,7 +50,7 @@ def test_what_the_page_rejects_is_rejected_for_that_reason(vector: RejectedVecto
 
 @needs_gcc
 def test_a_corrupted_stream_gives_the_whole_frames_and_no_other() -> None:
-    """What is byte for byte a frame that was sent is received, by both receivers; they count alike.
+    """Gives both receivers what is byte for byte a frame that was sent, and no more; they count alike.
 
     The long form is `benchmarks/endurance/receivers.py`: ten million bytes.
     """

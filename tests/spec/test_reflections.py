@@ -78,7 +78,7 @@ def test_no_reflection_of_some_is_read(dictionary: str) -> None:
 @pytest.mark.parametrize("exposure_us", [10_000.0, 150.0])
 @pytest.mark.parametrize("dictionary", DICTIONARIES)
 def test_no_reflection_is_read(dictionary: str, exposure_us: float) -> None:
-    """Of any ID, at either regime of exposure."""
+    """Tries any ID, at either regime of exposure."""
     ids = list(range(len(load_dictionary(dictionary).codewords)))
     missed, misread = missed_or_misread(dictionary, ids, exposure_us)
     assert misread == []
@@ -86,7 +86,7 @@ def test_no_reflection_is_read(dictionary: str, exposure_us: float) -> None:
 
 
 def test_where_they_are_listed_a_mirror_shows_them() -> None:
-    """What a scene shows is what a mirror would: 124 below 70, and word 9 at the place of its reflection."""
+    """Holds a scene against what a mirror would show: 124 below 70, and word 9 at the place of its reflection."""
     pair = over_the_floor("DICT_4X4_250", 70, 10_000.0)
     listed = ("panels.dictionary=DICT_4X4_250", "panels.ids=[70, 124]")
     assert {(70, True), (124, False)} <= set(read_ids(pair, *listed))

@@ -101,7 +101,7 @@ def other(panel: Panel, swap: Swap) -> Panel:
     ],
 )
 def test_the_old_id_is_shown_no_more(case: str, exposure_us: float, seed: int, take: int) -> None:
-    """Of the new panel there is its own ID, or none yet."""
+    """Shows of the new panel its own ID, or none yet."""
     swap = drawn(case, exposure_us, seed, take)
     drawn_take = draw_take(swap.condition, PANELS, seed, take)
     scene, camera = drawn_take.scene, sensor_info(drawn_take.scene.sensor, drawn_take.reported_row_time)

@@ -72,7 +72,7 @@ def pauses() -> Iterator[Pauses]:
 
 @pytest.fixture
 def written(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, bytes]]:
-    """What is given to the kernel from now on, and when, ns."""
+    """Logs what is given to the kernel from now on, and when, ns."""
     log: list[tuple[int, bytes]] = []
 
     def write(port: int, data: bytes) -> int:
@@ -164,7 +164,7 @@ def test_a_pose_that_grows_too_old_while_its_packet_is_made_is_not_written(monke
 
 
 def test_a_packet_that_is_made_again_keeps_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was not written is no loss on the line; and the pose is sent, with its true age."""
+    """Counts no loss for what was not written; and the pose is sent, with its true age."""
     arm = slow_once(monkeypatch)
     with controller(max_age_us=LONG_MS * 1000) as line:
         publisher = Publisher(SerialSettings(port=line.port, baud=FAST, max_age_ms=LONG_MS))

@@ -27,7 +27,7 @@ def assert_says(message: Message, values: dict[str, Any]) -> None:
 
 
 def received(*chunks: bytes) -> tuple[list[Message], Receiver]:
-    """What a receiver makes of a stream that it hears from its first byte (hence the delimiter)."""
+    """Returns what a receiver makes of a stream that it hears from its first byte (hence the delimiter)."""
     receiver = Receiver()
     messages = receiver.feed(b"\0")
     for chunk in chunks:

@@ -38,7 +38,7 @@ class Secure(Mqtt):
 
 
 def settings(broker: Mqtt, **changes: Any) -> dict[str, Any]:
-    """Of the bridge."""
+    """Returns those of the bridge."""
     values = {"kind": "mqtt", "host": "localhost", "port": broker.port, "tls": True, "user": "robot"}
     files = {"ca_file": f"{broker.folder}/ca.pem", "password_file": f"{broker.folder}/password"}
     return values | files | changes

@@ -15,7 +15,7 @@ UNIT = Unit("ledpi-bridge@.service")
 
 @pytest.fixture
 def unit(tmp_path: Path) -> Path:
-    """Of the output `field`."""
+    """The unit of the output `field`."""
     return UNIT.copy_to(tmp_path).rename(tmp_path / "ledpi-bridge@field.service")
 
 
@@ -27,7 +27,7 @@ def test_the_unit_is_clean(unit: Path) -> None:
 
 @needs_systemd
 def test_the_service_is_closed_in(unit: Path) -> None:
-    """What it could do is little, by systemd's own measure."""
+    """Leaves it little that it could do, by systemd's own measure."""
     assert_closed_in(unit)
 
 

@@ -50,7 +50,7 @@ def damaged(text: bytes, rng: random.Random) -> bytes:
 
 
 def is_refused(read: Callable[[Path], object], place: Path) -> bool:
-    """Whether it is not taken; in one line, which names the place. Any other error ends the test."""
+    """Tells whether it is not taken; in one line, which names the place. Any other error ends the test."""
     try:
         read(place)
     except LedpiError as error:
@@ -97,7 +97,7 @@ EIGHTY = settings(
 @EIGHTY
 @given(st.dictionaries(st.sampled_from(KEYS), VALUES, min_size=1, max_size=3))
 def test_any_value_is_taken_or_refused_in_one_line(tmp_path: Path, values: dict[tuple[str, str], object]) -> None:
-    """Of one to three keys of the configuration that is shipped: what YAML can write."""
+    """Changes one to three keys of the configuration that is shipped: to what YAML can write."""
     changed = {section: dict(keys) if isinstance(keys, dict) else keys for section, keys in SOUND.items()}
     for (section, key), value in values.items():
         changed[section][key] = value
@@ -130,7 +130,7 @@ def with_others(document: Any, data: st.DataObject) -> Any:
 @EIGHTY
 @given(st.data())
 def test_any_value_in_a_map_is_taken_or_refused_in_one_line(tmp_path: Path, data: st.DataObject) -> None:
-    """Of the one in docs/map.md."""
+    """Changes the one in docs/map.md."""
     file = tmp_path / "markers.yaml"
     file.write_text(yaml.safe_dump(with_others(yaml.safe_load(MAP), data), allow_unicode=True), encoding="utf-8")
     is_refused(load_map, file)
@@ -151,7 +151,7 @@ def sound_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @EIGHTY
 @given(st.data())
 def test_any_value_in_a_recording_is_taken_or_refused_in_one_line(sound_take: Path, data: st.DataObject) -> None:
-    """Of its header, of a frame's line, or of the truth's."""
+    """Changes its header, a frame's line, or the truth's."""
     file = sound_take / data.draw(st.sampled_from(["recording.yaml", "frames.jsonl", "truth.jsonl"]))
     sound = file.read_text(encoding="utf-8")
     first, _, rest = sound.partition("\n")

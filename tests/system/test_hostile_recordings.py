@@ -183,7 +183,7 @@ def test_a_huge_picture_in_a_recording_is_not_decoded(take: Path, before: bytes)
 
 @pytest.mark.parametrize("ending", [".png", ".jpg", ".tif"])
 def test_a_huge_picture_alone_is_not_decoded(tmp_path: Path, ending: str) -> None:
-    """Of any format that OpenCV reads."""
+    """Tries any format that OpenCV reads."""
     picture = tmp_path / f"huge{ending}"
     cv2.imwrite(str(picture), np.zeros((SIDE, SIDE), np.uint8))
     status, output, (complaint,) = decoded("--set", "panels.side_m=0.16", "--set", "camera.row_time_us=33.67", picture)

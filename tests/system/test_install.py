@@ -42,7 +42,7 @@ cd "${last%\\[calibrate]}" && find -L "$PWD" -name '*.py' -o -name '*.c' -o -nam
 
 
 def run(script: str, **variables: str) -> str:
-    """What it says, in an environment with these variables."""
+    """Returns what it says, in an environment with these variables."""
     done = subprocess.run(
         ["bash", "-c", FUNCTIONS + script], env=os.environ | variables, capture_output=True, text=True, check=True
     )
@@ -89,8 +89,9 @@ def test_what_takes_long_is_announced(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("there", "running"), [(False, False), (False, True), (True, True)])
 def test_the_group_of_the_tap_is_made_once(tmp_path: Path, there: bool, running: bool) -> None:
-    """Where only a running service of an older version has it, and so it would go, that is stopped before, and started
-    again.
+    """Stops a running service of an older version before, and starts it again, where only that has it.
+
+    Else the group would go with it.
     """
     groups = tmp_path / "group"
     groups.write_text("video:x:44:\nledpi-view:x:999:\n" + "ledpi:x:998:\n" * there, encoding="utf-8")

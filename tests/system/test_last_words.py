@@ -47,7 +47,7 @@ daemon.Daemon.run = scant
 
 
 def ended(tmp_path: Path, before: str) -> Ended:
-    """What comes of a daemon in front of which this runs."""
+    """Returns what comes of a daemon in front of which this runs."""
     write_recording(tmp_path / "take", 40)
     command = [*COMMAND[:2], before + COMMAND[2], *COMMAND[3:]]
     with (

@@ -1,4 +1,4 @@
-"""Whether it is the camera that is lost or the decoder that is behind, and that the controller hears the right one."""
+"""A lost camera and a decoder that is behind: told apart, and the controller hears the right one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the operating system refuses once the daemon runs: it goes on, or ends with status 1, for another to start."""
+"""Refusals of the operating system once the daemon runs: it goes on, or ends with status 1, for another to start."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ class Buffers:
 
 
 def test_a_camera_without_buffers_at_boot_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What fails in configure and start is status 1, also where closing it fails as well."""
+    """Ends with status 1 where configure and start fail, also where closing it fails as well."""
     manager = SimpleNamespace(cameras=[SimpleNamespace(id="/base/i2c", properties=Properties())])
     libcamera = SimpleNamespace(
         CameraManager=SimpleNamespace(singleton=lambda: manager), ColorSpace=SimpleNamespace(Sycc=lambda: None)

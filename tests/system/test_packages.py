@@ -1,4 +1,4 @@
-"""What a release is made of: packages that install without a compiler, on each Python and machine that they name."""
+"""The parts of a release: packages that install without a compiler, on each Python and machine that they name."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def slow(test: Any) -> Any:
 
 
 def run(*command: str | Path, path: str | None = None) -> str:
-    """What it prints; what it says where it fails."""
+    """Returns what it prints; what it says where it fails."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     environment |= {} if path is None else {"PATH": path}
     done = subprocess.run([*map(str, command)], cwd="/", env=environment, capture_output=True, text=True, check=False)
@@ -151,7 +151,7 @@ def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_pat
 
 @slow
 def test_the_source_package_installs(dist: Path, take: Path, tmp_path: Path) -> None:
-    """Where there is a compiler."""
+    """Needs a compiler."""
     programs = environment(tmp_path / "venv", sys.executable)
     run(programs / "pip", "install", "--quiet", "--no-binary=ledpi", dist / f"ledpi-{__version__}.tar.gz")
     check_decoded(run(programs / "ledpi", "decode", "--single-frame", take))

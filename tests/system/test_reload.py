@@ -119,13 +119,13 @@ def running(folder: Path, command: list[str] = COMMAND) -> Iterator[tuple[subpro
 
 
 def refusal(process: subprocess.Popen[str]) -> str:
-    """What it says after SIGHUP."""
+    """Returns what it says after SIGHUP."""
     process.send_signal(signal.SIGHUP)
     return wait_for_log(process, "reload_refused")
 
 
 def holds(process: subprocess.Popen[str]) -> tuple[int, int]:
-    """How many threads and descriptors it has."""
+    """Counts its threads and descriptors."""
     there = Path(f"/proc/{process.pid}")
     return len([*(there / "task").iterdir()]), len([*(there / "fd").iterdir()])
 

@@ -45,7 +45,7 @@ LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 
 @pytest.fixture
 def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where a daemon of this test writes."""
+    """The folder that a daemon of this test writes to."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return tmp_path / "state" / "ledpi" / "takes"
 
@@ -114,7 +114,7 @@ def test_sigusr1_saves_what_was_live(takes: Path) -> None:
 
 
 def test_a_daemon_that_is_killed_leaves_a_recording(takes: Path) -> None:
-    """What is written by then decodes as it did live; its name says that it is a part."""
+    """Decodes what is written by then as it did live; its name says that it is a part."""
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
         has_seen(line, 60)
         process.send_signal(signal.SIGUSR1)
@@ -233,7 +233,7 @@ class Flaky(OtherCamera):
 
 
 def test_a_lost_camera_is_saved_once(takes: Path) -> None:
-    """What came before it; a camera that is lost again soon is the same fault."""
+    """Saves what came before it; a camera that is lost again soon is the same fault."""
     camera = Flaky(every=25)
     with controller() as line, daemon_in_thread(load_config(None, (*SIMULATED, f"serial.port={line.port}")), camera):
         wait_for(lambda: camera.lost >= 3 and whole(takes), "three losses")

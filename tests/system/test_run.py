@@ -55,7 +55,7 @@ HEALTH = re.compile(r"INFO \d+ frames/s, \d+ decoded/s, \d+ markers/s, \d+ in vi
 
 @dataclasses.dataclass
 class Run:
-    """What such a run of some seconds came to."""
+    """The results of a run of some seconds."""
 
     controller: Controller
     ended: Ended

@@ -157,7 +157,7 @@ settings.find_config = find_config
 
 
 def test_a_signal_that_comes_too_soon_is_not_the_end() -> None:
-    """Of SIGHUP systemd would think that somebody wished it. It is reloaded once it runs."""
+    """Reloads it once it runs: of SIGHUP systemd would think that somebody wished it."""
     for name, starts in (("SIGHUP", 2), ("SIGUSR1", 1)):
         command = [*COMMAND[:2], TOO_SOON.format(name=name) + COMMAND[2], *COMMAND[3:]]
         with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}", command=command) as process:
@@ -229,7 +229,7 @@ def test_an_event_is_one_line_of_keys_and_values() -> None:
 
 
 def test_of_the_packets_the_last_seconds_are_counted() -> None:
-    """What was lost before is forgotten."""
+    """Forgets what was lost before."""
 
     def counters(**changed: int) -> PublisherCounters:
         names = ("fixes", "statuses", "markers", "replaced", "stale", "refused", "cut", "opened")

@@ -35,7 +35,7 @@ SIDES_M = {"front": 0.16, "rear": 0.2}  # which tells them apart
 
 @pytest.fixture
 def folders(tmp_path: Path) -> dict[str, Path]:
-    """What systemd gives each: a folder for its tap and one for its takes."""
+    """The folders that systemd gives each: one for its tap and one for its takes."""
     for name in NAMES:
         for kind in ("run", "takes"):
             (tmp_path / f"{kind}-{name}").mkdir(mode=0o700)
@@ -85,7 +85,7 @@ def test_both_pages_are_open_at_a_time(both: dict[str, Path]) -> None:
 
 
 def shown(port: int, token: str) -> dict[str, Any]:
-    """What a page says of its daemon, as soon as it has one."""
+    """Returns what a page says of its daemon, as soon as it has one."""
     deadline_s = time.monotonic() + DEADLINE_S
     asked = Request(f"http://127.0.0.1:{port}/api/state", headers={"Authorization": f"Bearer {token}"})
     while True:

@@ -44,7 +44,7 @@ def test_a_mistake_in_the_unit_would_be_seen(unit: Path) -> None:
 
 @needs_systemd
 def test_the_service_is_closed_in(unit: Path) -> None:
-    """What it could do is little, by systemd's own measure."""
+    """Leaves it little that it could do, by systemd's own measure."""
     assert_closed_in(unit)
 
 

@@ -174,7 +174,7 @@ def test_a_reload_makes_a_socket_that_was_cleared_away_again(tmp_path: Path) -> 
 
 
 def test_a_killed_daemon_is_followed_again_when_it_is_back(tmp_path: Path) -> None:
-    """What it left of its socket is no obstacle, and its client says that it was gone."""
+    """Finds no obstacle in what it left of its socket, and its client says that it was gone."""
     path = tmp_path / "tap.sock"
     with daemon(*SIMULATED, at(path)) as process:
         client = reach(path)
@@ -239,7 +239,7 @@ def test_monitor_shows_a_line_for_each_panel(running: Path) -> None:
 
 
 def test_monitor_prints_a_line_a_second_into_a_pipe(running: Path) -> None:
-    """What it sees, why there is no fix, and how the daemon is; the table comes at the end."""
+    """Prints what it sees, why there is no fix, and how the daemon is; the table comes at the end."""
     done = ledpi("monitor", "--tap", str(running), "--seconds", "4")
     lines = [line for line in done.stdout.splitlines() if re.match(r"ID 7 1\.0\d\d m [-+][\d.]+° \| no fix: ", line)]
     assert 2 <= len(lines) <= 5, done.stdout
@@ -307,7 +307,7 @@ def test_snapshot_has_the_daemons_settings(tmp_path: Path, monkeypatch: pytest.M
 def test_snapshot_of_the_camera_itself_asks_no_daemon(
     running: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where a frame's number, a setting of the camera, or another configuration than the daemon's is given."""
+    """Takes a frame's number, a setting of the camera, or another configuration than the daemon's for that."""
     (tmp_path / "ledpi").mkdir(mode=0o700)
     (tmp_path / "ledpi/tap.sock").symlink_to(running)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
@@ -358,7 +358,7 @@ def test_the_pages_line_for_curl_reads_it(running: Path) -> None:
 
 
 def test_the_page_names_every_key(running: Path) -> None:
-    """Of each kind of line."""
+    """Looks at each kind of line."""
     page = (ROOT / "docs/tap.md").read_text(encoding="utf-8")
     with connect(running) as client:
         health = next(line for line in client.lines() if line["type"] == "health")

@@ -33,7 +33,7 @@ OFF = "rewind.seconds=0"
 
 @pytest.fixture
 def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where a daemon of this test writes."""
+    """The folder that a daemon of this test writes to."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return tmp_path / "state" / "ledpi" / "takes"
 
@@ -51,7 +51,7 @@ def live(take: Path) -> list[dict[str, Any]]:
 
 
 def recorded(takes: Path) -> list[Path]:
-    """Where the machine is so busy that no frame comes, a fault has its own."""
+    """Lists them; where the machine is so busy that no frame comes, a fault has its own."""
     return sorted(takes.glob("*-recorded*"))
 
 

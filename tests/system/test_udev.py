@@ -30,7 +30,7 @@ DOCTOR = f"{sys.executable} -c 'from ledpi.tools.doctor.ports import remedy; pri
 
 
 def properties(said: str) -> dict[str, str]:
-    """What udev knows of a device."""
+    """Returns what udev knows of a device."""
     return dict(re.findall(r"^(\w+)=(.*)$", said, re.MULTILINE))
 
 
@@ -45,7 +45,7 @@ def changed(example: str, **values: str) -> str:
 
 
 def controller(said: str) -> bool:
-    """Whether it has the name that is serial.port's default, and is no modem to ModemManager."""
+    """Tells whether it has the name that is serial.port's default, and is no modem to ModemManager."""
     known = properties(said)
     linked = SerialSettings().port in known["DEVLINKS"].split()
     assert linked is (known.get("ID_MM_DEVICE_IGNORE") == "1")
@@ -64,7 +64,7 @@ def test_a_board_is_named_by_its_numbers(board: Board, tmp_path: Path) -> None:
 
 
 def test_a_board_without_a_number_is_named_by_its_socket(tmp_path: Path) -> None:
-    """Of two that are alike the one in that socket."""
+    """Names, of two that are alike, the one in that socket."""
     socket = "pci-0000:00:14.0-usb-0:6:1.0"
     for board in CH340:
         folder = tmp_path / str(board.socket)
@@ -85,7 +85,7 @@ def test_a_file_that_comes_too_early_gives_no_name(tmp_path: Path) -> None:
 
 
 def test_doctor_offers_the_names_that_stay(tmp_path: Path) -> None:
-    """Of two boards that share one by-id name, and of one with a number that all have, by-path; of the others by-id."""
+    """Offers by-path for two boards that share one by-id name, and for one with a number that all have; else by-id."""
     boards = [UNO, FTDI, CP2102, *CH340]
     heard = "; ".join(plugged_in(tty) for board in boards for tty in board.ttys)
     said = with_boards(tmp_path, boards, {}, f"({heard}) >heard; {DOCTOR}")

@@ -56,7 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def page(folder: Path) -> Iterator[Page]:
-    """Of a daemon on the simulated drive with a map."""
+    """The page of a daemon on the simulated drive with a map."""
     with ended(start_daemon(folder)), view(folder) as served:
         yield served
 
@@ -126,7 +126,7 @@ def _listen(tap: Client, told: dict[int, dict[int, Any]]) -> None:
 
 
 def _shown_of(driver: Any, told: dict[int, dict[int, Any]]) -> Any:
-    """What the page shows, if it is panels of a frame of which the tap has told (the newest wins: not all are told)."""
+    """Returns what the page shows, if it is panels of a frame that the tap has told (not all are: the newest wins)."""
     shown = js(driver, OUTLINES)
     end_s = time.monotonic() + 0.3
     while shown["seq"] not in told and time.monotonic() < end_s:
@@ -302,7 +302,7 @@ def test_each_button_says_what_it_has_done(opened: Any) -> None:
 
 
 def test_a_recording_is_listed_downloaded_and_deleted(opened: Any, folder: Path, tmp_path: Path) -> None:
-    """What arrives is a tar file of the take; a question comes before it is gone."""
+    """Gets a tar file of the take; a question comes before it is gone."""
     takes = folder / "state/ledpi/takes"
     with connect(folder / "tap.sock") as tap:
         name = Path(tap.ask("record", DEADLINE_S, seconds=1)["path"]).name

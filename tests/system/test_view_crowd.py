@@ -26,7 +26,7 @@ WATCHED_S = 8.0
 
 @pytest.fixture
 def page(tmp_path: Path) -> Iterator[Page]:
-    """Of a daemon that shows pictures of 640 × 480."""
+    """The page of a daemon that shows pictures of 640 × 480."""
     daemon = MadeUpDaemon(tmp_path / "tap.sock", hello=LARGE)
     with view(tmp_path) as opened:
         wait_for(lambda: opened.ask("/api/state")["link"]["state"] == "up", "the daemon")

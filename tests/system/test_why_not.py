@@ -25,7 +25,7 @@ def fault(request: pytest.FixtureRequest) -> Fault:
 
 @pytest.fixture(scope="module")
 def folder(fault: Fault, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Where the tap of a daemon is that sees it, as `auto` looks for it: FOLDER/ledpi/tap.sock."""
+    """The place of the tap of a daemon that sees it, as `auto` looks for it: FOLDER/ledpi/tap.sock."""
     folder = tmp_path_factory.mktemp("why") / "ledpi"
     folder.mkdir(mode=0o700)
     name = next((name for name, one in FAULTS.items() if one is fault), "nothing")
@@ -35,7 +35,7 @@ def folder(fault: Fault, tmp_path_factory: pytest.TempPathFactory) -> Iterator[P
 
 
 def ledpi(folder: Path, *arguments: str) -> str:
-    """What a command says; its lines may be broken where a terminal's would."""
+    """Returns what a command says; its lines may be broken where a terminal's would."""
     environment = os.environ | {"XDG_RUNTIME_DIR": str(folder)}
     command = [*COMMAND, *arguments]
     done = subprocess.run(
@@ -62,7 +62,7 @@ def test_the_page_says_it(fault: Fault, folder: Path) -> None:
 
 
 def asked_again(fault: Fault, folder: Path, *command: str) -> str:
-    """What a command says in the first try in which it is told what is wrong: not each frame shows a panel as it is."""
+    """Returns what a command says in the first try that tells what is wrong: not each frame shows a panel as it is."""
     said = ""
     for _ in range(TRIES):
         said = ledpi(folder, *command)
@@ -82,13 +82,13 @@ def test_monitor_says_it(fault: Fault, folder: Path) -> None:
 
 
 def test_doctor_says_it(fault: Fault, folder: Path) -> None:
-    """Of the daemon that has the camera, without stopping it."""
+    """Asks the daemon that has the camera, without stopping it."""
     said = asked_again(fault, folder, "doctor", "--set", "panels.side_m=0.16", "--set", "camera.source=simulated")
     assert "runs (pid " in said
 
 
 def test_snapshot_says_it(fault: Fault, folder: Path) -> None:
-    """Of the daemon's frame."""
+    """Takes the daemon's frame."""
     said = asked_again(fault, folder, "snapshot", "--set", "panels.side_m=0.16", "--out", "look.png")
     assert "running daemon" in said
     assert (folder / "ledpi/look.png").exists()

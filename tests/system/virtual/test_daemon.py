@@ -156,7 +156,7 @@ def test_lost_fifty_times_nothing_is_left(behaviour: Behaviour) -> None:
 
 
 def command(arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
-    """What a command of ledpi prints; here, as only this process has the virtual OV5647."""
+    """Returns what a command of ledpi prints; here, as only this process has the virtual OV5647."""
     monkeypatch.setattr("sys.argv", ["ledpi", *arguments])
     with pytest.raises(SystemExit) as ended:
         main()

@@ -1,4 +1,4 @@
-"""Whether the virtual camera's tests run."""
+"""Says whether the virtual camera's tests run."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def test_everything_is_fixed_before_the_first_frame(behaviour: Behaviour) -> Non
 
 
 def test_picamera2_chose_the_mode(behaviour: Behaviour) -> None:
-    """Of the sensor's four, by its own score; its row time and the period that moves both classes follow."""
+    """Chooses of the sensor's four, by its own score; its row time and the period that moves both classes follow."""
     info = opened().info
     assert behaviour.opened[0].camera_configuration()["sensor"] == {"output_size": (640, 480), "bit_depth": 10}
     assert info.row_time_us == pytest.approx(ROW_US, rel=1e-4)
@@ -208,14 +208,14 @@ def test_a_fixed_gain_is_not_adjustable(behaviour: Behaviour) -> None:
 def test_a_camera_that_does_not_do_as_asked_is_refused(
     behaviour: Behaviour, change: dict[str, Any], message: str
 ) -> None:
-    """What was asked, and what the camera did; it is closed again."""
+    """Tells what was asked, and what the camera did; it is closed again."""
     for name, value in change.items():
         setattr(behaviour, name, value)
     assert refusal(behaviour).startswith(message)
 
 
 def test_no_camera_is_said_and_one_plugged_in_later_is_found(behaviour: Behaviour, tmp_path: Path) -> None:
-    """What to check; it may come back, so trying again is worth while."""
+    """Says what to check; it may come back, so trying again is worth while."""
     unplug()
     with pytest.raises(CameraLostError, match=r"^picamera2: no camera found; check the cable"):
         opened()
@@ -292,7 +292,7 @@ def test_a_process_that_is_held_up_has_not_lost_its_camera(behaviour: Behaviour)
 
 
 def test_an_error_while_waiting_is_a_lost_camera(behaviour: Behaviour) -> None:
-    """What picamera2's event loop raises comes out of the wait; it is closed and may be opened again."""
+    """Ends the wait with what picamera2's event loop raises; it is closed and may be opened again."""
     camera = opened()
     behaviour.failing = RuntimeError("Failed to queue request: No such device")
     with pytest.raises(CameraLostError, match=r"^picamera2: Failed to queue request: No such device"):
@@ -362,7 +362,7 @@ def test_libcamera_judges_the_controls(behaviour: Behaviour) -> None:
 
 
 def test_the_stand_in_is_a_picamera2(behaviour: Behaviour) -> None:
-    """What runs here is picamera2's class; the subclass adds what the virtual camera lacks."""
+    """Runs picamera2's class; the subclass adds what the virtual camera lacks."""
     import picamera2.picamera2
 
     opened()
