@@ -215,6 +215,7 @@ class Quad:
     corners_px: Floats  # (4, 2), clockwise as seen in the picture
     covariance_px2: Floats | None = None  # (8, 8) of the corners' coordinates, x and y of each; None: not measured
     lattice_px: Floats | None = None  # (4, 2) corners of the lattice of its cells, where that ends elsewhere
+    blur_px: Floats | None = None  # (2,) deviation of its picture's blur, along x and y
     unknown: Floats | None = None  # what its picture was fitted with, as `decode.model.prior` has it
     residual: float = 0.0  # mean square of what its fit leaves, over the noise that so much light has
     hidden: Floats | None = None  # (4,) how many cells something hides along each side, from one corner to the next
@@ -229,6 +230,7 @@ class Detection:
     covariance_px2: Floats  # (8, 8) of the corners' coordinates, x and y of each
     margin: float  # natural-log likelihood ratio to the best explanation that is not this ID
     frames_used: int
+    blur_px: Floats | None = None  # (2,) deviation of its picture's blur, along x and y
     velocity_px_s: Floats | None = None  # (4, 2) of the corners, where they were followed
     velocity_covariance: Floats | None = None  # (8, 8) px²/s²; None: exact
 

@@ -202,6 +202,7 @@ class Locator:
             corners_px=fit.corners_px,
             lattice_px=fit.lattice_px,
             covariance_px2=fit.covariance_px2 + fit.jackknife_px2 + sides_px2,
+            blur_px=fit.blur_px,
             unknown=fit.unknown,
             residual=fit.residual,
             hidden=fit.hidden if fit.hidden.any() else None,

@@ -197,6 +197,7 @@ class LikelihoodPath:
             id=reading.id,
             corners_px=read_only(corners_of_turned(quad.corners_px, reading.quarter_turns)),
             covariance_px2=read_only(covariance_of_turned(quad.covariance_px2, reading.quarter_turns)),
+            blur_px=quad.blur_px,
             margin=reading.margin,
             frames_used=track.history.frames,
             velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),

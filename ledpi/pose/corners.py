@@ -50,14 +50,16 @@ def corners_at(
     """
     corners, covariances = [], []
     for seen, row, side_m in zip(detections, rows.tolist(), sides_m, strict=True):
-        velocity, covariance = _velocity(seen, side_m, intrinsics)
+        velocity, covariance = _velocity(seen, side_m, intrinsics, frame.exposure_us)
         late_s = np.repeat(seen.corners_px[:, 1] - row, 2) * (frame.row_time_us * 1e-6)
         corners.append(corners_at_row(seen.corners_px, velocity, row, frame.row_time_us))
         covariances.append(seen.covariance_px2 + np.outer(late_s, late_s) * covariance)
     return np.array(corners), np.array(covariances)
 
 
-def _velocity(seen: Detection, side_m: float, intrinsics: Intrinsics) -> tuple[Floats | None, Floats]:
+def _velocity(
+    seen: Detection, side_m: float, intrinsics: Intrinsics, exposure_us: float
+) -> tuple[Floats | None, Floats]:
     """A detection's velocity (4, 2) px/s and its covariance (8, 8): as it was measured, or of all that a robot may do.
 
     Of two fits one may be off by more than it says. Then corners seem to move as before no robot's camera, and how they
@@ -67,10 +69,24 @@ def _velocity(seen: Detection, side_m: float, intrinsics: Intrinsics) -> tuple[F
     if velocity is not None and measured is None:
         return velocity, np.zeros((8, 8))
     prior = velocity_covariance(seen.corners_px, side_m, intrinsics)
+    if seen.blur_px is not None:
+        prior = _bounded(prior, seen.blur_px, exposure_us)
     if velocity is None or measured is None:
         return None, prior
     chi2 = float(velocity.ravel() @ np.linalg.solve(prior + measured, velocity.ravel()))
     return (velocity, measured) if chi2 < IMPOSSIBLE else (None, prior)
+
+
+def _bounded(covariance: Floats, blur_px: Floats, exposure_us: float) -> Floats:
+    """The covariance (8, 8) of corners' velocities before a picture that is blurred so much (2,), along x and y.
+
+    What moves by v·T while it is exposed is blurred by v·T/√12 at least. So the corners' mean velocity is 0, with a
+    deviation of all the blur that there is, be it the lens's own: a measurement, by which the covariance is updated.
+    """
+    mean = np.tile(np.eye(2), 4) / 4.0
+    along = covariance @ mean.T
+    most_px_s = math.sqrt(12.0) * blur_px / (exposure_us * 1e-6)
+    return np.asarray(covariance - along @ np.linalg.solve(mean @ along + np.diag(most_px_s**2), along.T))
 
 
 def velocity_covariance(corners_px: Floats, side_m: float, intrinsics: Intrinsics) -> Floats:

@@ -18,7 +18,7 @@ from ledpi.decode.evidence.erasures import UNLIT, erase_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.model.light import Window, grid, waves
-from ledpi.decode.model.prior import BESIDE, COMMON, OWN, PHASE, prior
+from ledpi.decode.model.prior import BESIDE, BLUR, COMMON, OWN, PHASE, SMEAR, prior
 from ledpi.kernels.lens import bending_lens_of
 from ledpi.kernels.library import NONE, lib
 from ledpi.kernels.panel import MOST_LINES, Solver, Weigher
@@ -62,6 +62,7 @@ class Fitted:
     hidden: Floats  # (4,) how much something hides along each side, from one corner to the next, in cells
     covariance_px2: Floats  # (8, 8) of the corners: x and y of each
     jackknife_px2: Floats  # (8, 8) the same, by how far they would move without any one of the cells
+    blur_px: Floats  # (2,) deviation of the picture's blur along rows and along columns
     settled: bool  # the last step hardly moved anything
     explained: float  # share of the light's squares about their mean
     residual: float  # mean square of what is not, over the noise that so much light has
@@ -192,6 +193,7 @@ def _fitted(fit: Any, unknown: Floats, window: Window, spec: PanelSpec) -> Fitte
         hidden=read_only(np.array(list(fit.hidden))[[2, 1, 3, 0]]),
         covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
         jackknife_px2=read_only(np.array(list(fit.jackknife)).reshape(8, 8)),
+        blur_px=read_only(window.shrink * np.exp(unknown[BLUR] + unknown[SMEAR] * np.array([1.0, -1.0]))),
         settled=fit.settled,
         explained=fit.explained,
         residual=fit.variance * (window.bright - window.dark),

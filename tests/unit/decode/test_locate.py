@@ -140,6 +140,18 @@ def test_a_far_panels_size_is_right(side: float, percent: float) -> None:
     assert abs(2 * np.mean(off)) < percent / 100 * side
 
 
+@pytest.mark.parametrize("smear_px", [1, 3, 5])
+def test_the_blur_tells_how_far_a_panel_has_moved_at_most(smear_px: int) -> None:
+    """What moves by so many pixels is blurred by a root of 12 of them at least; a lens's own is 1 px or so more."""
+    canvas = Canvas()
+    canvas.panel(square(300, 200, 100, 5), word(7))
+    canvas.light = cv2.blur(canvas.light, (smear_px, 1))
+    blur_px = located(canvas.frame(), square(300, 200, 100, 5)).blur_px
+    assert blur_px is not None
+    assert np.sqrt(12.0) * blur_px[0] > smear_px - 1
+    assert blur_px.max() < np.hypot(smear_px / np.sqrt(12.0), 1.0)
+
+
 @pytest.mark.parametrize(("smear_px", "within_px"), [(3, 0.25), (5, 0.6)])
 def test_a_moving_panel_is_where_it_was_on_average(smear_px: int, within_px: float) -> None:
     """A robot that turns smears the picture sideways within the exposure; its upright sides become ramps."""

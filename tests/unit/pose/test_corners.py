@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -119,3 +121,27 @@ def test_a_velocity_that_was_measured_leaves_little_open() -> None:
 def test_a_velocity_that_no_camera_causes_is_not_believed() -> None:
     """The upper side alone moves, by 9 px within a frame: one of the two fits was off, and no motion is known."""
     np.testing.assert_array_equal(moved(np.array([[0.0, -540.0], [0, -540], [0, 0], [0, 0]])), moved(None))
+
+
+def mean_velocity_px_s(blur_px: float | None, exposure_us: float) -> float:
+    """Deviation of how quickly the square as a whole may move aside, in a first frame that is blurred so much."""
+    seen = Detection(
+        id=7,
+        corners_px=UPRIGHT,
+        covariance_px2=np.zeros((8, 8)),
+        margin=30.0,
+        frames_used=1,
+        blur_px=None if blur_px is None else np.full(2, blur_px),
+    )
+    far_rows, along = 1e6, np.tile([0.25, 0.0], 4)  # all corners are as late then
+    frame = replace(made_frame(), exposure_us=exposure_us)
+    _, (covariance,) = corners_at(frame, np.array([-far_rows]), [seen], [0.16], LENS)
+    return float(np.sqrt(along @ covariance @ along) / (far_rows * frame.row_time_us * 1e-6))
+
+
+def test_what_is_hardly_blurred_has_hardly_moved() -> None:
+    """At v·T of 2.8 px within 10 ms it would be blurred by 0.8 px. In 150 µs no robot moves as far."""
+    unknown = mean_velocity_px_s(None, 10_000.0)
+    assert unknown > 700.0
+    assert mean_velocity_px_s(0.8, 10_000.0) == pytest.approx((unknown**-2 + 277.0**-2) ** -0.5, rel=0.01)
+    assert mean_velocity_px_s(0.8, 150.0) == pytest.approx(unknown, rel=0.01)
