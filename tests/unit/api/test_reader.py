@@ -152,7 +152,7 @@ def turned(rotation: Floats) -> Marker:
 
 
 def test_a_pose_that_is_not_sure_comes_with_the_other() -> None:
-    """Of the same detection; that has no third."""
+    """Comes of the same detection; that has no third."""
     marker = turned(np.diag([1.0, -1.0, -1.0]))
     assert marker.mirrored is not None
     assert (marker.mirrored.id, marker.mirrored.mirrored) == (7, None)
@@ -303,7 +303,7 @@ def test_two_threads_at_once_are_refused(near: Pixels) -> None:
 
 
 def test_a_panel_of_another_size_is_placed_by_it(near: Pixels) -> None:
-    """Of half the side, at half the distance."""
+    """Places one of half the side at half the distance."""
     whole, half = reader(), reader(overrides={7: {"side_m": 0.08}})
     (far,), (close,) = (one.read(near, row_time_us=33.67) for one in (whole, half))
     assert far.distance_m is not None
@@ -362,7 +362,7 @@ def test_a_lens_of_other_pictures_is_refused(near: Pixels) -> None:
 
 @pytest.mark.parametrize("matrix", [np.eye(4), [1, 2, 3], [[500, 3, 320], [0, 500, 240], [0, 0, 1]]])
 def test_a_matrix_that_is_no_camera_s_is_refused(matrix: Any) -> None:
-    """Of another size, or with skew."""
+    """Refuses one of another size, or with skew."""
     with pytest.raises(ledpi.LedpiError, match=r"^lens: the camera matrix must be "):
         ledpi.Lens.from_matrix(matrix, size=(640, 480))
 

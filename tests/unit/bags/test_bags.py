@@ -61,7 +61,7 @@ def bag(take: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def wanted(take: Path) -> dict[int, dict[str, Any]]:
-    """What `ledpi decode` says, by sensor time."""
+    """Returns what `ledpi decode` says, by sensor time."""
     lines = map(json.loads, ledpi("decode", take).stdout.splitlines())
     return {line["sensor_timestamp_ns"]: line for line in lines}
 
@@ -299,7 +299,7 @@ def large_bag(path: Path, take: Path, megabytes: int, pictures: int) -> None:
 
 
 def most_memory_kb(bag: Path, out: Path) -> int:
-    """What `ledpi import` takes at most."""
+    """Returns what `ledpi import` takes at most."""
     command = [*LEDPI, "import", str(bag), str(out), *OWN_ROW_TIME]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         _, status, used = os.wait4(process.pid, 0)
@@ -322,7 +322,7 @@ def test_memory_does_not_grow_with_the_bag(take: Path, tmp_path: Path) -> None:
 def test_a_disk_that_fills_up_while_a_bag_is_read_is_one_line(
     bag: Path, take: Path, tmp_path: Path, whose: str
 ) -> None:
-    """What was written until then stays."""
+    """Leaves what was written until then."""
     if whose != "ours":
         bag = foreign_bag(tmp_path / "foreign", take)
 
@@ -342,7 +342,7 @@ SIMULATED = ("--set", "panels.side_m=0.16", "--set", "camera.source=simulated")
 
 
 def test_record_writes_a_bag_that_becomes_a_recording(tmp_path: Path) -> None:
-    """What was decoded live is in it, and today's date."""
+    """Holds what was decoded live, and today's date."""
     done = ledpi("record", tmp_path / "a.mcap", "--frames", 20, *SIMULATED)
     assert done.returncode == 0, done.stderr
     assert ledpi("import", tmp_path / "a.mcap", tmp_path / "back").returncode == 0

@@ -84,7 +84,7 @@ def value_of(record: DataLogRecord, kind: str) -> Any:
 
 @pytest.fixture(scope="module")
 def wanted(take: Path, map_file: Path) -> list[dict[str, Any]]:
-    """What `ledpi decode` says."""
+    """Returns what `ledpi decode` says."""
     return [json.loads(line) for line in ledpi("decode", take, "--set", f"map={map_file}").stdout.splitlines()]
 
 

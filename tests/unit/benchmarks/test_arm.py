@@ -24,7 +24,7 @@ def test_a_board_is_between_half_of_coremarks_instructions_a_cycle_and_all() -> 
 
 
 def test_figures_are_kept_of_all_kinds_on_arm() -> None:
-    """Of millions of instructions a frame; to follow four panels takes more than to follow one."""
+    """Keeps millions of instructions a frame; to follow four panels takes more than to follow one."""
     for counts in arm.kept()["aarch64"].values():
         assert set(counts) == set(arm.KINDS)
         assert all(500 < thousands < 1_000_000 for thousands in counts.values())
@@ -38,7 +38,7 @@ def test_the_pages_have_the_kept_figures() -> None:
 
 
 def test_a_table_is_written_in_the_place_of_the_one_before() -> None:
-    """What stands around it stays, also where it gets other lines."""
+    """Leaves what stands around it, also where it gets other lines."""
     page = "before\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n| 3 | 4 |\n\nafter | a |\n"
     new = "| a | b |\n| --- | --- |\n| 5 | 6 |"
     assert arm.with_table(page, new) == f"before\n\n{new}\n\nafter | a |\n"

@@ -45,7 +45,7 @@ def test_an_attack_does_not_begin_where_nothing_is_seen(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 def test_each_kind_of_picture_shows_something(kind: Callable[[Drawing, Rng], None]) -> None:
-    """Of finite light, in a picture of any size; most of the time, as some of it may lie outside."""
+    """Has finite light, in a picture of any size; most of the time, as some of it may lie outside."""
     lit = 0
     for seed in range(10):
         drawing = Drawing(64, 48, "DICT_4X4_50")
@@ -71,7 +71,7 @@ def test_a_scene_is_the_same_again() -> None:
 
 
 def test_a_place_that_is_no_number_is_reported() -> None:
-    """What a decoder says is looked at, too."""
+    """Looks at what a decoder says, too."""
     pose = marker_pose(7, 0)
     check_numbers(decoded(pose))
     assert pose.solution is not None
@@ -110,7 +110,7 @@ def test_a_panel_is_followed_out_of_the_picture(exposure_us: float) -> None:
 
 
 def fails(tmp_path: Path, program: str) -> bool:
-    """Whether an attack that is this program has failed."""
+    """Tells whether an attack that is this program has failed."""
     found = bench.Attack("pictures", [sys.executable, "-c", program], "scene", 3)
     return not bench.run([found], dict(os.environ), tmp_path, 0.0)
 
@@ -118,7 +118,7 @@ def fails(tmp_path: Path, program: str) -> bool:
 def test_a_failure_is_reported_with_the_command_that_repeats_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What the sanitizers said, and the scene that was begun last."""
+    """Tells what the sanitizers said, and the scene that was begun last."""
     assert not fails(tmp_path, "print('scene 6'); print('scene 7'); print('Tally()')")
     assert "nothing found: Tally()" in capsys.readouterr().out
     assert fails(tmp_path, "print('scene 6'); print('scene 7'); raise SystemExit('runtime error: shift')")

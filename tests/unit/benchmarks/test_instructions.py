@@ -22,7 +22,7 @@ def test_what_takes_a_tenth_more_than_before_is_named(searched: int, followed: i
 
 
 def test_figures_are_kept_of_both_kinds() -> None:
-    """Of millions of instructions a frame."""
+    """Keeps millions of instructions a frame."""
     kept = json.loads(FIGURES.read_text(encoding="utf-8"))
     assert set(kept) == set(OURS)
     assert all(1_000 < thousands < 1_000_000 for thousands in kept.values())

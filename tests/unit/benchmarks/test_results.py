@@ -12,7 +12,7 @@ from ledpi.tools.evaluate.table import TableRow, table_row
 
 
 def row(suite: str, case: str, method: str, exposure_us: float = 10_000.0, **counts: object) -> TableRow:
-    """Of four takes, three read, each with errors of 0.2 px, 1 % and 2°."""
+    """Makes that of four takes, three read, each with errors of 0.2 px, 1 % and 2°."""
     values: dict[str, object] = {"frames": 4, "trials": 4, "expected": 4, "recognised": 3, "missed": {}}
     values |= {"corner_px": [0.2], "position_percent": [1.0], "angle_deg": [2.0]}
     tally = Tally.from_json(values | counts)
@@ -74,7 +74,7 @@ def test_each_false_id_is_listed_and_decoys_add_up() -> None:
 
 @pytest.mark.parametrize("count", [1, 8])
 def test_panels_of_the_contest_exist(count: int) -> None:
-    """Of one that is never reported only the time would count."""
+    """Excludes one that is never reported, of which only the time would count."""
     shown = [panel.marker_id for panel in contests.scene_of(count).panels]
     assert len(set(shown)) == count
     assert set(shown) <= contests.SETTINGS.existing_ids()

@@ -32,7 +32,7 @@ def test_where_nothing_is_late_every_frame_has_a_pose_and_the_second_panel_comes
 
 
 def test_who_is_slow_decodes_fewer_frames_and_the_newest_ones() -> None:
-    """Where one takes periods on end, those meanwhile are left out; no time is lost between two."""
+    """Leaves out those that come while one takes periods on end; no time is lost between two."""
     told = contest(slower=20.0).run(alone)
     assert len(told.took_ms) < 30
     assert told.longest_periods > 2

@@ -55,7 +55,7 @@ def test_files_are_relative_to_the_configuration(tmp_path: Path) -> None:
 
 
 def test_the_password_is_the_first_line_of_a_file_that_not_everybody_may_read(tmp_path: Path) -> None:
-    """What the configuration shows holds its path only."""
+    """Shows its path only, where the configuration is shown."""
     path = tmp_path / "secret"
     path.write_text("hunter2\nmore\n", encoding="utf-8")
     path.chmod(0o640)

@@ -1,4 +1,4 @@
-"""What is asked of the Pi's camera, what counts as doing it, and what is said where picamera2 is not there."""
+"""Requests to the Pi's camera: what counts as doing as asked, and what is said where picamera2 is not there."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_the_row_time_is_the_shortest_frame_over_its_rows() -> None:
 
 
 def test_a_measured_row_time_overrides_the_camera_s() -> None:
-    """What `ledpi calibrate shutter` measured is taken, for any sensor."""
+    """Takes what `ledpi calibrate shutter` measured, for any sensor."""
     assert row_time(CameraSettings(row_time_us=31.8), "imx708", 16001.0) == 31.8
 
 

@@ -124,7 +124,7 @@ def test_a_frame_says_how_it_was_exposed(camera: Camera) -> None:
 
 
 def test_the_description_is_fixed(camera: Camera) -> None:
-    """What is known before the first frame is so after the last one, and cannot be changed."""
+    """Stays as it was before the first frame after the last one, and cannot be changed."""
     before = camera.info
     all_frames(camera)
     assert camera.info == before

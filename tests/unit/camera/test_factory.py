@@ -63,7 +63,7 @@ def test_a_recording_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 
 def test_row_time_and_transfer_reach_the_simulated_camera() -> None:
-    """Where the configuration gives them, they are the camera's."""
+    """Gives the camera those of the configuration, where it has them."""
     camera = open_camera(config("simulated", row_time_us=31.75, transfer="linear"), paced=False, frames=1)
     assert (camera.info.row_time_us, camera.info.transfer) == (31.75, "linear")
     camera.close()
@@ -71,7 +71,7 @@ def test_row_time_and_transfer_reach_the_simulated_camera() -> None:
 
 @pytest.mark.parametrize("options", [{"paced": False}, {"frames": 3}])
 def test_a_device_has_its_own_pace_and_no_end(options: dict[str, int]) -> None:
-    """What only a replay can do is refused for a device, not passed over in silence."""
+    """Refuses for a device what only a replay can do, rather than pass it over in silence."""
     with pytest.raises(CameraError, match=r"^--frames, --unpaced: only for .*, not picamera2$"):
         open_camera(config("picamera2"), **options)  # type: ignore[arg-type]
 

@@ -102,7 +102,7 @@ def test_a_lost_panel_is_waited_for_one_second_before_the_sweep() -> None:
 
 
 def test_a_panel_that_comes_back_ends_the_sweep() -> None:
-    """Where it is read again, there the gain stays."""
+    """Keeps the gain at which it is read again."""
     loop = Loop(light=0.1)
     loop.in_view = False
     loop.run(2.0)

@@ -117,7 +117,7 @@ def test_it_is_given_up_after_the_deadline(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_one_that_opens_but_never_delivers_is_given_up_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What counts is the last frame, not the last opening."""
+    """Counts from the last frame, not from the last opening."""
     monkeypatch.setattr(recovering, "DEADLINE_S", 0.05)
     camera = RecoveringCamera(opens(Short(1), Short(0)))
     with pytest.raises(CameraLostError, match=f"^{GONE}; given up after 0 s$"):

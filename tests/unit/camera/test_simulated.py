@@ -205,7 +205,7 @@ def test_a_picture_that_no_lens_makes_is_a_configuration_error() -> None:
 
 
 def test_a_dictionary_without_the_drives_ids_is_a_configuration_error(tmp_path: Path) -> None:
-    """Of one's own five words, for example: the remedy is another dictionary, or another source."""
+    """Takes a dictionary of one's own five words, for example: the remedy is another one, or another source."""
     storage = cv2.FileStorage(str(tmp_path / "words.yaml"), cv2.FILE_STORAGE_WRITE)
     cv2.aruco.extendDictionary(5, 4).writeDictionary(storage)
     storage.release()

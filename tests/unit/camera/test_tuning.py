@@ -31,7 +31,7 @@ def test_tone_and_colours_are_straight_and_nothing_else_is_changed() -> None:
 
 
 def test_the_file_given_is_left_as_it_is() -> None:
-    """What was read stays what was read."""
+    """Leaves what was read as it was."""
     before = copy.deepcopy(EXCERPT)
     linear_tuning(EXCERPT)
     assert before == EXCERPT

@@ -24,7 +24,7 @@ MAP = "panels: {7: {position_m: [0, 0, 2], quaternion_wxyz: [1, 0, 0, 0]}}\n"
 
 
 class Done(NamedTuple):
-    """What a command came to."""
+    """The results of a command."""
 
     status: int
     out: str

@@ -379,7 +379,7 @@ def test_as_live_needs_a_recording_that_was_decoded_live(ledpi: Run, take: Path)
 
 
 def test_that_is_reported_before_anything_is_printed(ledpi: Run, kept: Path, take: Path) -> None:
-    """Of a recording that comes after one which says so."""
+    """Comes before the lines of a recording ahead of the one that says so."""
     frames = take / "frames.jsonl"
     frames.write_text(frames.read_text().replace("}\n", ', "decoded": true}\n'))
     assert len(lines(ledpi("--as-live", take)[1])) == FRAMES

@@ -25,7 +25,7 @@ WENT_ON = "raise SystemExit(7)\n"
 
 
 def console_script() -> str:
-    """What the command `ledpi` is once it is installed."""
+    """Returns what the command `ledpi` is once it is installed."""
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     (module, function), *_ = re.findall(r'^ledpi = "([\w.]+):(\w+)"$', project, re.MULTILINE)
     return f"import sys; from {module} import {function}; sys.exit({function}())"
@@ -125,7 +125,7 @@ def test_a_word_that_cannot_be_is_reported_in_one_line(
 def test_a_name_alone_gives_its_help(
     command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of a command that has others below it."""
+    """Takes that of a command which has others below it."""
     _, output, errors = in_process(monkeypatch, capsys)(*command)
     assert (output + errors).startswith(" ".join(["Usage: ledpi", *command, "[OPTIONS] COMMAND"]))
 

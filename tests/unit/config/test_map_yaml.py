@@ -308,7 +308,7 @@ def test_a_device_is_never_put_aside_for_a_map(tmp_path: Path) -> None:
 
 
 def test_a_layout_nested_without_end_is_refused(tmp_path: Path) -> None:
-    """What the JSON reader gives up on is named like any other mistake."""
+    """Names what the JSON reader gives up on like any other mistake."""
     file = tmp_path / "layout.json"
     file.write_text("[" * 100_000)
     with pytest.raises(ConfigError, match=r"layout\.json: not valid JSON"):

@@ -61,7 +61,7 @@ def test_what_is_nested_too_deeply_is_refused(tmp_path: Path, text: str) -> None
 
 @pytest.mark.parametrize("text", [f"{'k' * 999}: 1\n{'k' * 999}: 2", f"a: !{'x' * 99_999} 1"])
 def test_a_long_value_does_not_make_a_long_message(tmp_path: Path, text: str) -> None:
-    """What stands in the file is shortened before it is repeated."""
+    """Shortens what stands in the file before it is repeated."""
     file = tmp_path / "x.yaml"
     file.write_text(text)
     with pytest.raises(ConfigError) as refused:

@@ -96,7 +96,7 @@ def test_a_small_angle_between_rounded_quaternions() -> None:
 
 
 def test_the_middle_of_a_square_is_where_its_diagonals_cross() -> None:
-    """Of a trapezium with sides of 4 and 2, 3 high, that is two thirds of the way from the longer to the shorter."""
+    """Lies, in a trapezium with sides of 4 and 2, 3 high, two thirds of the way from the longer to the shorter."""
     corners = np.array([[1.0, 0.0], [3.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
     assert project_to_quad(corners, np.array([[0.5, 0.5]])) == pytest.approx(np.array([[2.0, 1.0]]))
 

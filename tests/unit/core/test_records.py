@@ -48,7 +48,7 @@ def test_a_part_of_another_picture_is_copied() -> None:
 
 
 def test_a_turned_frame_s_last_row_was_read_out_first() -> None:
-    """Of a picture that was turned by 180°: each row at the time at which the sensor read it."""
+    """Gives each row of a picture that was turned by 180° the time at which the sensor read it."""
     upright = frame()
     turned, last = upright.turned(), upright.pixels.shape[0] - 1
     for row in (0, 1, last):

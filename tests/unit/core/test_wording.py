@@ -15,7 +15,7 @@ def test_an_error_is_one_line() -> None:
 
 @pytest.mark.parametrize("name", ["n" * 99_999, "\0" * 99_999])
 def test_a_line_is_never_long(name: str) -> None:
-    """Where a path of any length is given: which file it is begins it, and what would be right ends it."""
+    """Begins with which file it is, and ends with what would be right, also of a path of any length."""
     said = one_line(f"config.yaml: map: {name}: cannot be read: File name too long")
     assert len(said) == LINE_LENGTH
     assert said.startswith("config.yaml: map: ")

@@ -1,4 +1,4 @@
-"""What a panel's cells show that is no word: a word built, wired or configured otherwise; and the reasons in words."""
+"""Words behind a panel's cells that show none: built, wired or configured otherwise; and the reasons in words."""
 
 from __future__ import annotations
 

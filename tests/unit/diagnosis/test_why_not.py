@@ -36,7 +36,7 @@ def explained(fault: Fault, *, stream: bool) -> tuple[list[int], Why]:
 
 
 def at_the_panel(why: Why) -> list[Diagnosis]:
-    """What is told of panel 11's place."""
+    """Returns what is told of panel 11's place."""
     return [one for one in why.diagnoses if np.abs(one.corners_px.mean(axis=0) - PLACE_PX).max() < SIDE_PX / 2]
 
 

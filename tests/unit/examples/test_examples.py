@@ -162,7 +162,7 @@ def ros(published: Published, ends_after: int) -> dict[str, ModuleType]:
 
 @pytest.fixture
 def publishes(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Published]:
-    """What the node publishes of these messages, which come over a pty, until it has published so many."""
+    """Returns what the node publishes of these messages, which come over a pty, until it has published so many."""
 
     def of(*messages: Message, count: int) -> Published:
         published: Published = []

@@ -50,7 +50,7 @@ def test_a_word_of_halves_is_what_half_a_panel_shows() -> None:
 
 
 def test_words_that_a_mirror_shows() -> None:
-    """Of two that are each other's mirror images both, however the second is turned; and one that is its own."""
+    """Counts both of two that are each other's mirror images, however the second is turned; and one that is its own."""
     one = drawn("1101 / 0010 / 1010 / 0100")
     other = np.rot90(drawn("1011 / 0100 / 0101 / 0010"))
     own = drawn("1001 / 0110 / 0110 / 0000")
@@ -143,7 +143,7 @@ def test_words_cannot_be_changed() -> None:
 
 
 def test_distances_in_antiphase_by_hand() -> None:
-    """Of 2 × 2 cells: 1110 is one cell from the negative of 0000, and two from each of its own other turns."""
+    """Takes 2 × 2 cells: 1110 is one cell from the negative of 0000, and two from each of its own other turns."""
     small = Dictionary(name="small", codewords=np.array([[[1, 1], [1, 0]], [[0, 0], [0, 0]]], bool))
     assert small.distances("free")[0].tolist() == [4, 2, 2, 2, 3, 3, 3, 3]
     assert small.distances("antiphase")[0].tolist() == [4, 2, 2, 2, 1, 1, 1, 1]

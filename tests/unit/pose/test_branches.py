@@ -136,7 +136,7 @@ def test_after_half_a_second_anything_may_have_happened() -> None:
 
 
 def after_a_gap(gap_s: float, *after: tuple[PlanarSolution, ...]) -> list[tuple[str | None, ...]]:
-    """What is believed of frames that come so long after 20 that were clearly for the left."""
+    """Returns what is believed of frames that come so long after 20 that were clearly for the left."""
     branches = Branches()
     watched([pair(1.0, 60.0)] * 20, branches)
     at = [20 * FRAME_NS + round(gap_s * 1e9) + k * FRAME_NS for k in range(len(after))]

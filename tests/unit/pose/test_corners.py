@@ -1,4 +1,4 @@
-"""What is known of four corners, with squares that are written down here."""
+"""Knowledge of four corners, with squares that are written down here."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_without_a_velocity_corners_stay() -> None:
 
 
 def test_errors_are_made_independent() -> None:
-    """Of any covariance: what is whitened has the deviation 1, and what the fit does not show is in it."""
+    """Takes any covariance: what is whitened has the deviation 1, and what the fit does not show is in it."""
     rng = np.random.default_rng(2)
     spread = 0.1 * rng.normal(size=(8, 8))
     covariance = spread @ spread.T

@@ -1,4 +1,4 @@
-"""Where the robot is, from mapped panels: as exact as the corners, as honest as the map, none rather than wrong."""
+"""The robot's place by mapped panels: as exact as the corners, as honest as the map, none rather than wrong."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def moved_map(*moved: int) -> dict[int, Floats]:
 
 
 def driven(panels: dict[int, Floats], *phases: tuple[int, ...]) -> list[list[RobotFix | str | None]]:
-    """What a robot gets that sees these panels, in five frames of each phase, while the map has them at `panels`."""
+    """Returns what a robot gets that sees these panels, five frames a phase, while the map has them at `panels`."""
     driver = Driver(panels=panels, sigma_m=0.005, sigma_rad=0.005)
     seen = {i: seen_corners(BASE, place) for i, place in WALL.items()}
     return [[driver.see({i: seen[i] for i in ids})[1] for _ in range(5)] for ids in phases]

@@ -158,7 +158,7 @@ def test_a_pose_half_way_to_the_best_is_not_another() -> None:
 
 
 def test_how_badly_a_pose_fits_depends_on_the_corners_errors() -> None:
-    """What sharp corners exclude is as good as the other where the corners are known to 3 px only."""
+    """Finds what sharp corners exclude as good as the other where they are known to 3 px only."""
     corners = pixels(marker_corners(), turn("y", 40) @ FACING, np.array([0.2, 0.1, 1.2]), PINHOLE)
     assert solve(corners, sigma_px=0.05)[1].chi2 > 100
     assert solve(corners, sigma_px=3.0)[1].chi2 < 10
@@ -266,7 +266,7 @@ def test_a_quad_that_no_pose_explains_is_none(sigma_px: float) -> None:
 
 
 def test_what_no_pose_explains_makes_the_mirror_pose_likelier() -> None:
-    """Of corners that err by 1 px in such a way, the other pose is not excluded; and deviations grow."""
+    """Excludes no other pose of corners that err by 1 px in such a way; and deviations grow."""
     corners = pixels(marker_corners(), turn("y", 20) @ FACING, np.array([0.0, 0.0, 2.0]), PINHOLE)
     assert solve(corners)[1].chi2 > 100
     best, other = solve(corners + 2 * ASLANT)
@@ -292,7 +292,7 @@ def test_a_motion_that_is_not_known_is_found_beside_the_pose() -> None:
 
 
 def test_a_single_minimum_has_a_mirror_pose_too() -> None:
-    """Of corners that all may be outward alike only perspective tells the turn: both signs of it are given."""
+    """Gives both signs of the turn, where corners may be outward alike and only perspective tells it."""
     corners = pixels(marker_corners(), turn("y", 12) @ FACING, np.array([0.0, 0.0, 4.0]), PINHOLE)
     outward = (corners - corners.mean(axis=0)).ravel() / 20
     covariance = independent(0.1) + np.outer(outward * np.tile([1, 0], 4), outward * np.tile([1, 0], 4))

@@ -118,7 +118,7 @@ def test_the_files_hold_the_contract_s_keys(tmp_path: Path) -> None:
 
 
 def test_each_frame_is_there_before_the_next(tmp_path: Path) -> None:
-    """What was written until a crash is a recording: each line reaches the kernel after its picture."""
+    """Leaves a recording at a crash: each line reaches the kernel after its picture."""
     with writer(tmp_path) as recorder:
         for seq in range(3):
             recorder.write(frame(seq, 1000 + seq))
@@ -126,7 +126,7 @@ def test_each_frame_is_there_before_the_next(tmp_path: Path) -> None:
 
 
 def test_an_uncalibrated_camera_writes_no_lens_keys(tmp_path: Path) -> None:
-    """What is not known is not in the file, and is not known after reading it."""
+    """Leaves out of the file what is not known, and that is not known after reading it."""
     camera = CameraInfo(width=8, height=6, exposure_us=150.0, row_time_us=31.75, transfer="linear")
     with writer(tmp_path, camera) as recorder:
         recorder.write(frame(0, 0))

@@ -27,7 +27,7 @@ PLACE = {"position_m": [1.0, 2.0, 0.5], "quaternion_wxyz": [0.5, 0.5, 0.5, 0.5]}
 
 
 def frame(**changes: Any) -> dict[str, Any]:
-    """Of panel 7, exposed at 5 s, the panel's row 2 ms later."""
+    """Makes one of panel 7, exposed at 5 s, the panel's row 2 ms later."""
     marker = PANEL | {"exposed_ns": 5_002_000_000, "covariance": COVARIANCE} | changes
     return decoded(3) | {"exposed_ns": 5_000_000_000, "markers": [marker]}
 

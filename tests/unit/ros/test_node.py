@@ -119,7 +119,7 @@ def test_the_node_publishes_what_the_tap_tells(module: Any, tmp_path: Path, monk
 
 
 def test_the_packages_files_agree() -> None:
-    """What is declared in one is there in the others."""
+    """Finds what is declared in one in the others."""
     package = ElementTree.parse(PACKAGE / "package.xml").getroot()
     assert package.findtext("name") == "ledpi_ros"
     assert package.findtext("export/build_type") == "ament_python"

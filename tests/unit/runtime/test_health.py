@@ -60,7 +60,7 @@ def test_rejections_are_counted_by_stage_and_reason() -> None:
 
 
 def test_times_are_the_median_and_the_slowest_in_a_hundred() -> None:
-    """Of 201 frames of 1 to 201 ms, in whatever order: 101 is in the middle, and 2 are longer than 199."""
+    """Takes 201 frames of 1 to 201 ms, in whatever order: 101 is in the middle, and 2 are longer than 199."""
     health = Health()
     for number in range(201):
         health.add(frame(find_ms=1.0 + number * 100 % 201, soft_ms=0.0))
@@ -89,7 +89,7 @@ def test_times_are_of_the_recent_frames_only() -> None:
 
 
 def test_a_snapshot_stays_as_it_was() -> None:
-    """What is counted later does not change it."""
+    """Does not change with what is counted later."""
     health = Health()
     health.add(frame(rejected=1))
     before = health.snapshot()

@@ -1,4 +1,4 @@
-"""How much memory there is for the last seconds: the machine's, and what the service may take of it."""
+"""Memory for the last seconds: the machine's, and what the service may take of it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_other_systems_have_no_limit_that_is_known(tmp_path: Path) -> None:
 
 
 def test_the_budget_is_an_eighth_and_never_what_the_work_needs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the machine's memory; what a limit leaves beside the daemon's own work; nothing where that is nothing."""
+    """Takes an eighth of the machine's; what a limit leaves beside the daemon's own work; nothing where that is nil."""
     monkeypatch.setattr(memory, "limit_bytes", lambda: None)
     eighth = default_budget_bytes()
     total_kb = int(Path("/proc/meminfo").read_text().split()[1])

@@ -23,7 +23,7 @@ def keep(queue: RecordQueue, *seqs: int) -> None:
 
 
 def rest(queue: RecordQueue) -> list[int]:
-    """What is in it, once it is closed; each has its own picture and budget."""
+    """Returns what is in it, once it is closed; each has its own picture and budget."""
     queue.close()
     seqs = []
     while (kept := queue.next(0.0)) is not None:
@@ -57,7 +57,7 @@ def test_what_finds_no_room_is_dropped_and_counted() -> None:
 
 
 def test_its_memory_is_bounded_and_there_before_the_first_frame() -> None:
-    """Of large pictures there are fewer; no frame asks for as much as a tenth of a picture."""
+    """Keeps fewer of large pictures; no frame asks for as much as a tenth of a picture."""
     assert RecordQueue(2000, 3000).frames == MIN_FRAMES
     assert RecordQueue(1232, 1640).frames * 1232 * 1640 <= MAX_BYTES
     queue = RecordQueue(HEIGHT, WIDTH)

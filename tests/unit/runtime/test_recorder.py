@@ -68,7 +68,7 @@ class Slow(Pipeline):
 
 @pytest.fixture
 def gate() -> Iterator[threading.Event]:
-    """What `Slow` waits for."""
+    """The event that `Slow` waits for."""
     Slow.gate.clear()
     yield Slow.gate
     Slow.gate.set()
@@ -118,7 +118,7 @@ def test_what_is_lost_is_counted(tmp_path: Path) -> None:
 
 
 def test_a_slow_disk_never_holds_the_camera_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What has no room is dropped and counted; what has is written in order."""
+    """Drops and counts what has no room; what has is written in order."""
     waiting, write = threading.Event(), RecordingWriter.write
 
     def slow(self: RecordingWriter, *arguments: Any, **options: Any) -> int:
@@ -236,7 +236,7 @@ def test_a_replay_decodes_as_live(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_ends_it_in_order(tmp_path: Path) -> None:
-    """What was captured is written, and the summary tells of it; exit status 0."""
+    """Writes what was captured, and the summary tells of it; exit status 0."""
     take = tmp_path / "take"
     command = [*COMMAND, "record", str(take), "--seconds", "600", *SIMULATED]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:

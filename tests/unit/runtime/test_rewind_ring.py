@@ -122,7 +122,7 @@ def test_time_that_runs_backward_ends_what_is_kept() -> None:
 
 
 def test_memory_holds_as_much_as_it_may() -> None:
-    """Where a minute does not fit, what fits is kept; pictures and results count."""
+    """Keeps what fits, where a minute does not; pictures and results count."""
     most = 40 * HEIGHT * WIDTH
     ring = ring_of(60.0, most)
     keep(ring, *range(200))

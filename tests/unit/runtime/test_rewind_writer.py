@@ -1,4 +1,4 @@
-"""What was kept, as a recording: decoded again it gives what it gave live, once its panels are found and read again."""
+"""The last seconds as a recording: decoded again it gives what it gave live, once its panels are found again."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def counted(ring: FrameRing) -> tuple[int, int, int]:
 
 
 def test_the_reader_gets_the_newest_frame() -> None:
-    """Of three frames published before the reader comes, it gets the last one, and the others are counted."""
+    """Gets the last of three frames published before it comes, and the others are counted."""
     ring = FrameRing(2, 3)
     publish(ring, 1, 2, 3)
     assert taken(ring) == 3
@@ -53,7 +53,7 @@ def test_the_reader_gets_the_newest_frame() -> None:
 
 
 def test_a_frame_is_handed_out_once() -> None:
-    """What was taken is not taken again."""
+    """Gives nothing again that was taken."""
     ring = FrameRing(2, 3)
     publish(ring, 1)
     assert (taken(ring), taken(ring)) == (1, None)

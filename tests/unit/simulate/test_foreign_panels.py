@@ -1,4 +1,4 @@
-"""What other people's panels have and the plain one has not: LEDs in numbers, deep walls, a glossy floor, defocus."""
+"""Panels as other people have them: LEDs in numbers, deep walls, a glossy floor, defocus."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a rolling shutter makes of blinking panels. Truth: counting points, and arithmetic by hand."""
+"""Blinking panels through a rolling shutter. Truth: counting points, and arithmetic by hand."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def test_noise_of_pixels_and_frames_is_independent() -> None:
 
 
 def test_impossible_sensors_are_refused() -> None:
-    """What cannot be built is no sensor."""
+    """Takes what cannot be built for no sensor."""
     for values in ({"exposure_us": 0.0}, {"gain": 0.0}, {"read_noise_e": -1.0}, {"frame_length_rows": 400}):
         with pytest.raises(ValueError, match="must"):
             SimulatedSensor(intrinsics=LENS, **({"exposure_us": 9967.0} | values))  # type: ignore[arg-type]

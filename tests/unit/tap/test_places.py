@@ -1,4 +1,4 @@
-"""Where the tap's socket is, and what lies there already: nothing is taken away but what a dead daemon left."""
+"""The place of the tap's socket, and what lies there already: nothing is taken away but what a dead daemon left."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def test_a_folder_without_permission_is_said(tmp_path: Path) -> None:
 def test_the_group_may_use_it_whatever_the_umask(
     tmp_path: Path, group: str | None, mode: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where the daemon's group is `ledpi`, as in the service; by hand it is its user's alone."""
+    """Lets the daemon's group in where that is `ledpi`, as in the service; by hand it is its user's alone."""
     gid = None if group is None else os.getegid() + (group == "another")
     monkeypatch.setattr(listening, "_gid", lambda name: gid)
     before = os.umask(0o077)

@@ -200,7 +200,7 @@ def test_after_a_reload_the_same_connection_says_hello_again(tap: Tap) -> None:
 
 
 def test_a_slow_client_gets_the_newest_and_is_told_what_it_missed(tap: Tap) -> None:
-    """What was in the system's buffer comes first; then the last frame of all."""
+    """Gets what was in the system's buffer first; then the last frame of all."""
     client = follow(tap)
     for seq in range(500):
         show(tap, seq)
@@ -369,7 +369,7 @@ def test_a_flood_takes_a_tenth_of_a_processor_at_most(tap: Tap, kind: str) -> No
 
 
 def processor_s(tap: Tap) -> float:
-    """What the tap's thread has used so far."""
+    """Returns what the tap's thread has used so far."""
     stat = Path(f"/proc/self/task/{tap._thread.native_id}/stat").read_text().rpartition(")")[2].split()
     return (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -510,7 +510,7 @@ def test_who_may_not_connect_is_told_of_the_group() -> None:
 
 
 def test_another_programs_socket_is_no_daemon(path: Path) -> None:
-    """What it says is not taken for a tap's."""
+    """Takes what it says for no tap's."""
     with socket.socket(socket.AF_UNIX) as other:
         other.bind(str(path))
         other.listen()
@@ -533,7 +533,7 @@ def test_a_picture_that_does_not_come_is_said(tap: Tap) -> None:
 
 
 def test_a_records_camera_comes_back_whole(tap: Tap) -> None:
-    """What the hello says is enough to decode a picture again."""
+    """Finds enough in the hello to decode a picture again."""
     with connect(tap.path) as client, Stream(tap):
         again = frame_of(client.hello, client.picture())
     assert camera_of(client.hello) == CAMERA

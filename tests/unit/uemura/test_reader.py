@@ -150,7 +150,7 @@ def test_a_linear_picture_is_read() -> None:
 
 
 def test_other_grids_are_read() -> None:
-    """Of 6 × 6 cells; the word is OpenCV's own picture of the marker."""
+    """Reads 6 × 6 cells; the word is OpenCV's own picture of the marker."""
     known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_50)
     cells = cv2.aruco.generateImageMarker(known, 31, 8)[1:-1, 1:-1] > 127
     corners = square(310.3, 240.6, 260, 3)
@@ -164,7 +164,7 @@ def test_other_grids_are_read() -> None:
 
 
 def test_other_frequencies_are_read() -> None:
-    """What the bands' widths are follows from the panel's frequencies and the frame's row time."""
+    """Takes the bands' widths of the panel's frequencies and the frame's row time."""
     spec = PanelSpec(side_m=0.16, black_hz=1000.0, white_hz=1800.0)
     frame = photograph(word(7), square(310.3, 240.6, 200), spec=spec)
     assert [s.id for s in detections(reader(spec=spec).read(frame))] == [7]
@@ -191,7 +191,7 @@ def test_what_is_not_square_is_none() -> None:
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_lamp_that_does_not_blink_is_never_an_id(seed: int) -> None:
-    """Of any place, size, turn and brightness: noise makes no bands, and the square says that it has none."""
+    """Tries any place, size, turn and brightness: noise makes no bands, and the square says that it has none."""
     rng = np.random.default_rng(seed)
     canvas = Canvas(exposure_us=SHORT_US)
     x, y = rng.uniform((200, 160), (440, 320))
@@ -333,7 +333,7 @@ def test_e_of_one_square_at_many_levels_one_is_kept() -> None:
 
 
 def test_f_the_frame_is_one_cell_wide() -> None:
-    """Of a square of 4 × 4 cells of 10 pixels: 10 pixels beyond each side; in perspective, as far as lines converge."""
+    """Makes it 10 pixels beyond each side of 4 × 4 cells of 10 pixels; in perspective, as far as lines converge."""
     upright = np.array([[100.0, 100], [140, 100], [140, 140], [100, 140]])
     np.testing.assert_allclose(add_frame(upright, 4), [[90, 90], [150, 90], [150, 150], [90, 150]])
     lens = cv2.getPerspectiveTransform(
@@ -370,7 +370,7 @@ def test_g_the_restored_picture_is_opencvs_own(marker_id: int) -> None:
 
 
 def test_every_step_is_kept() -> None:
-    """What each step made of the frame, so that it can be drawn: the cells of ID 7 are found again in each."""
+    """Keeps what each step made of the frame, to be drawn: the cells of ID 7 are found again in each."""
     cells = word(7)
     steps = reader().read(photograph(cells))
     assert steps.lit.shape == steps.classes.shape == steps.white.shape == (HEIGHT, WIDTH)

@@ -45,7 +45,7 @@ class Shown(Pictures):
 
 @pytest.fixture
 def watch(monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardWatch]:
-    """Of 6 × 5 inner corners, 1 m before the lens of the Pi's camera."""
+    """Shows one of 6 × 5 inner corners, 1 m before the lens of the Pi's camera."""
     monkeypatch.setattr(board_module, "PAUSE_S", 0.0)
     board = Board(kind="charuco", columns=6, rows=5)
     sensor = SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=9966.32, row_time_us=33.67, frame_length_rows=504)
@@ -57,7 +57,7 @@ def watch(monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardWatch]:
 
 @pytest.mark.slow
 def test_a_board_gives_the_lens(watch: BoardWatch, tmp_path: Path) -> None:
-    """Of which the focal length is right within 1 %; on the way it was told how to hold the board."""
+    """Finds the focal length within 1 %; on the way it was told how to hold the board."""
     said = set()
     end_s = time.monotonic() + DEADLINE_S
     while (told := watch.told())["runs"]:

@@ -1,4 +1,4 @@
-"""What the live page draws: overlay, map, bands, focus, table; and that its words and colours can be read."""
+"""Drawings of the live page: overlay, map, bands, focus, table; and its words and colours can be read."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def nats(word: np.ndarray) -> np.ndarray:
 
 
 def test_cells_have_their_class_at_their_place() -> None:
-    """Of an upright panel the first cell is at its top left, and stays within it."""
+    """Puts an upright panel's first cell at its top left, where it stays within it."""
     (panel,) = drawn(decoded(1), HELLO)
     classes = np.array([cell["white"] for cell in panel["cells"]]).reshape(4, 4)
     assert (classes == DICTIONARY.codeword(7)).all()
@@ -67,7 +67,7 @@ def test_a_dictionary_that_cannot_be_read_here_leaves_the_cells_out() -> None:
 
 
 def test_a_reason_joins_its_cells() -> None:
-    """What was looked at closely has a look at the same place."""
+    """Joins what was looked at closely with the look at the same place."""
     corners = PANEL["corners_px"]
     swapped = nats(~DICTIONARY.codeword(11)).ravel().tolist()
     picture = {
@@ -152,7 +152,7 @@ def test_jpeg_and_png_hold_the_picture() -> None:
 
 
 def test_faint_bands_are_made_visible() -> None:
-    """Of 2 % of the light, 24 rows high, over a slope of brightness; black and white afterwards."""
+    """Shows 2 % of the light, 24 rows high, over a slope of brightness; black and white afterwards."""
     rows = np.arange(480)[:, None] * np.ones((1, 640))
     light = (100 + rows / 10) * (1 + 0.02 * np.cos(2 * np.pi * rows / 24))
     noise = np.random.default_rng(1).normal(0, 0.5, light.shape)
@@ -162,7 +162,7 @@ def test_faint_bands_are_made_visible() -> None:
 
 
 def test_an_even_picture_stays_grey() -> None:
-    """What is dark has no bands, and noise is not blown up to them."""
+    """Finds no bands in what is dark, and blows no noise up to them."""
     assert np.ptp(amplified(np.full((48, 64), 3, np.uint8), 24.0)) == 0
     assert abs(int(amplified(np.full((48, 64), 99, np.uint8), 24.0).mean()) - 127) < 2
 

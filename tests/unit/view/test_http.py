@@ -55,7 +55,7 @@ class Site:
             return Answer(answer.status, dict(answer.getheaders()), answer.read())
 
     def frame(self, kind: str = "plain", after: int = -1) -> dict[str, Any]:
-        """What is told with the next picture."""
+        """Returns what is told with the next picture."""
         answer = self.ask("GET", f"/api/frame?kind={kind}&after={after}")
         assert answer.status == 200
         return told(answer.body)

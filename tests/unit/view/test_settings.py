@@ -36,7 +36,7 @@ GIVEN = "panels.side_m=0.16"
     ],
 )
 def test_addresses(listen: str, address: tuple[str, int]) -> None:
-    """Of both kinds of numbers, with a port."""
+    """Takes both kinds of numbers, with a port."""
     assert load_config(None, (GIVEN, f"view.listen={listen}")).view.address == address
 
 

@@ -71,7 +71,7 @@ statuses = st.builds(
 
 
 def sent(message: Message) -> Message:
-    """What the other end reads."""
+    """Returns what the other end reads."""
     return decode(encode(message, 1)[:-1])[1]
 
 

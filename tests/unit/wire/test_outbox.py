@@ -1,4 +1,4 @@
-"""What goes on the line next. Times are given, so every order is exact."""
+"""The queue for the line. Times are given, so every order is exact."""
 
 from __future__ import annotations
 

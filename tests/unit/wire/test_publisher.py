@@ -311,7 +311,7 @@ def test_a_port_lost_while_a_pose_is_written_is_the_publishers_to_open(far_end: 
 
 
 def test_a_write_never_waits(far_end: FarEnd) -> None:
-    """Where a port has no room after all, the packet is cut; the next one begins with a delimiter."""
+    """Cuts the packet where a port has no room after all; the next one begins with a delimiter."""
     line = SerialLine(far_end.path, 115200, ahead=DELIMITER)
     packet = encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL), 1)
     whole = len(list(itertools.takewhile(lambda written: written, (line.write(packet) for _ in itertools.count()))))

@@ -1,4 +1,4 @@
-"""What tells a receiver that fixes of before and after do not belong together."""
+"""Numbers by which a receiver knows that fixes of before and after do not belong together."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_map_is_another_one_where_panels_are_elsewhere(now: PanelMap | None, m
 
 
 def test_a_time_without_a_map_hides_no_change() -> None:
-    """What counts is the map before."""
+    """Counts against the map before."""
     resets = Resets()
     for seen in (panels(p7=1.0), None, panels(p7=2.0), panels(p7=2.0)):
         resets.update_map(seen)

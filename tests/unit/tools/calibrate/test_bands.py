@@ -142,7 +142,7 @@ def test_duty_shows_in_the_second_harmonic(duty: float) -> None:
 
 
 def test_duty_is_not_guessed_where_the_exposure_hides_it() -> None:
-    """Where exposure times frequency is a whole number and a half, the second harmonic vanishes at any duty."""
+    """Finds no second harmonic where exposure times frequency is a whole number and a half, at any duty."""
     result = measured_panel(counted_light(1250.0, 2450.0, duty=0.4, exposure_us=10000.0), exposure_us=10000.0)
     assert result.duty is None
     assert "duty" not in result.overrides(PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0))
@@ -189,7 +189,7 @@ def test_the_row_time_is_found_whatever_the_driver_says(row_time_us: float) -> N
 
 
 def test_a_scaled_picture_has_its_own_row_time() -> None:
-    """Where the frames' interval over the sensor's rows is not what the bands show, the bands are right."""
+    """Believes the bands where the frames' interval over the sensor's rows is not what they show."""
     result = measured_shutter(counted_light(row_time_us=33.67), rows=FRAME_ROWS * 2)
     assert result.by_interval_us is None
     assert result.row_time_us.value == pytest.approx(33.67, rel=1e-3)

@@ -59,7 +59,7 @@ def test_the_board_is_true_to_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_the_printed_board_is_the_one_that_is_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where neither command is told more: a picture of the print is a view of the board."""
+    """Needs no more to be told to either command: a picture of the print is a view of the board."""
     monkeypatch.chdir(tmp_path)
     assert made(monkeypatch) == 0
     (tmp_path / "pictures").mkdir()

@@ -84,7 +84,7 @@ def test_a_picture_without_markers_shows_no_board() -> None:
 def test_hidden_and_broken_files_are_no_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What a Mac leaves beside pictures is passed over, and a broken picture is named and left out."""
+    """Passes over what a Mac leaves beside pictures; a broken picture is named and left out."""
     monkeypatch.chdir(tmp_path)
     run: Command = in_process(monkeypatch, capsys, "calibrate", "camera")
     folder = tmp_path / "views"

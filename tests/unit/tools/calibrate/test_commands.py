@@ -210,7 +210,7 @@ def test_after_the_lens_the_shutter_comes_next(command: Command) -> None:
 
 
 def test_after_the_shutter_a_panel_comes_next(command: Command, simulated: Simulated) -> None:
-    """What `calibrate shutter` has noted in camera.yaml is named, too."""
+    """Names what `calibrate shutter` has noted in camera.yaml, too."""
     calibrated_lens()
     assert command("calibrate", "shutter", simulated(claimed={}))[0] == 0
     out = command("calibrate")[1]
@@ -300,7 +300,7 @@ class TooBrightCamera(SimulatedCamera):
 
 
 def test_the_gain_settles_on_the_panel_before_frames_are_taken() -> None:
-    """Where the configuration leaves the gain open, a panel that is too bright is brought below full scale."""
+    """Brings a panel that is too bright below full scale, where the configuration leaves the gain open."""
     config = load_config(None, ("panels.side_m=0.16", "camera.transfer=linear"))
     sensor = simulated_sensor(config.camera, config.panels)
     scene = still_scene(sensor, {7: config.panels.spec()}, "DICT_4X4_50", distance_m=1.0, angle_deg=0.0)

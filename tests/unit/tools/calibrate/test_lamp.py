@@ -40,7 +40,7 @@ def test_what_shows_no_bands_has_no_frequency() -> None:
 
 
 def test_real_lamps(shared: Callable[[str], Path]) -> None:
-    """Of every twentieth photograph: off by 0.1 % in the median, 0.5 % at worst."""
+    """Takes every twentieth photograph: off by 0.1 % in the median, 0.5 % at worst."""
     errors, _ = bench.frequency_errors(shared("real/led_bands"), every=20)
     off = np.abs(np.concatenate(list(errors.values())))
     assert len(off) >= 4

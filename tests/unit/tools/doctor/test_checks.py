@@ -196,7 +196,7 @@ def test_an_exposure_that_the_camera_cannot_do_is_not_confirmed() -> None:
 
 
 def test_an_exposure_of_whole_rows_is_what_was_asked_for() -> None:
-    """Of 10 ms the sensor makes 296 rows."""
+    """Makes 296 rows of 10 ms."""
     findings = examine(load_config(None, ("camera.source=simulated",)))
     found = next(finding for finding in findings if finding.name == "exposure")
     assert (found.state, found.said) == ("ok", "9967 µs of 10000 µs asked for")
@@ -235,7 +235,7 @@ def test_a_broken_calibration_stops_the_daemon(tmp_path: Path) -> None:
 
 
 def test_the_camera_is_free_again_after_the_look() -> None:
-    """What was opened is closed, so that the next one can have it."""
+    """Closes what was opened, so that the next one can have it."""
     config = load_config(None, ("panels.side_m=0.16", "camera.source=simulated"))
     findings, info = camera.camera(config)
     assert {finding.state for finding in findings} == {"ok"}

@@ -1,4 +1,4 @@
-"""What `ledpi doctor` finds out of `outputs`: real servers on this machine, and the system's `systemctl` played."""
+"""Findings of `ledpi doctor` on `outputs`: real servers on this machine, and the system's `systemctl` played."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _no_systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def found(*settings: str, file: Path | None = None) -> list[Finding]:
-    """Of an output `field` with these."""
+    """Returns those of an output `field` with these settings."""
     given = f"outputs={{field: {{{', '.join(settings)}}}}}"
     return list(outputs.examine(load_config(file, ("panels.side_m=1", given))))
 
@@ -103,7 +103,7 @@ def test_a_package_that_is_missing_is_told_with_its_command(monkeypatch: pytest.
 
 
 def secret(tmp_path: Path, mode: int, text: str = "correct-horse\n") -> Finding:
-    """What is said of a password's file."""
+    """Returns what is said of a password's file."""
     path = tmp_path / "password"
     path.write_text(text, encoding="utf-8")
     path.chmod(mode)
@@ -154,7 +154,7 @@ def authority(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def tls(folder: Path, certificate: str, ca_file: str | None = "ca.pem") -> Finding:
-    """What is said of a server that shows this certificate."""
+    """Returns what is said of a server that shows this certificate."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(folder / certificate, folder / "broker.key")
     given = () if ca_file is None else (f"ca_file: {folder / ca_file}",)

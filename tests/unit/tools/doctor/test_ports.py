@@ -1,4 +1,4 @@
-"""What doctor says of the serial port. How boards are told from each other by real udev: tests/system/test_udev.py."""
+"""Findings of doctor on the serial port. Boards told from each other by real udev: tests/system/test_udev.py."""
 
 from __future__ import annotations
 

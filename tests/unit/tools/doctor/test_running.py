@@ -21,13 +21,13 @@ def found(hello: dict[str, Any] | None = None, health: dict[str, Any] | None = N
 
 
 def wire(**recent: int) -> dict[str, Any]:
-    """Of a daemon that has sent much before its last 5 s."""
+    """Makes that of a daemon that has sent much before its last 5 s."""
     counts = {"seconds": 5, "sent": 0, "replaced": 0, "stale": 0, "refused": 0} | recent
     return {"packets": 100_000, "dropped": 0, "connected": True, "error": None, "recent": counts}
 
 
 def test_a_line_that_loses_few_poses_is_well() -> None:
-    """What was lost long ago is no fault of now."""
+    """Finds no fault now in what was lost long ago."""
     assert found({}, {"wire": wire(sent=290, replaced=10) | {"dropped": 5000}})["serial port"] == (
         "ok",
         "58 packets a second; 10 of 300 of the last 5 s were dropped",
@@ -78,7 +78,7 @@ def test_a_daemon_with_other_settings_than_these_is_told() -> None:
 
 
 class Flickering(MadeUpDaemon):
-    """Of two pictures one shows its panel, and the other only that something is there."""
+    """Two pictures: one shows its panel, and the other only that something is there."""
 
     def picture(self, seq: int) -> Pixels:
         """Also what the rest of this answer, and the next one, tell."""
@@ -90,7 +90,7 @@ class Flickering(MadeUpDaemon):
 
 
 def test_a_panel_that_one_of_the_pictures_shows_is_read(tmp_path: Path) -> None:
-    """What another one lacks is not told: a panel is not read and not read at once."""
+    """Tells nothing that the other lacks: a panel is not read and not read at once."""
     daemon = Flickering(tmp_path / "tap.sock")
     try:
         with connect(str(tmp_path / "tap.sock")) as tap:

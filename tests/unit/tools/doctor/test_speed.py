@@ -21,7 +21,7 @@ def config_of(*settings: str) -> Config:
     ids=" ".join,
 )
 def test_what_is_drawn_is_followed(settings: tuple[str, ...]) -> None:
-    """Of the configuration's own panels and pictures; else a rate would be told that is none of theirs."""
+    """Draws the configuration's own panels and pictures; else a rate would be told that is none of theirs."""
     config = config_of(*settings)
     sensor = simulated_sensor(config.camera, config.panels)
     assert all((measured_ms(config, sensor, count) or 0.0) > 0.0 for count in IN_VIEW)

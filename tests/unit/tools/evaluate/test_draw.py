@@ -1,4 +1,4 @@
-"""What is drawn is what the condition says: places, cases, decoys, and prints in the panels' place."""
+"""Drawings are as the condition says: places, cases, decoys, and prints in the panels' place."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def decoys_of(case: str, exposure_us: float) -> Condition:
 
 
 def alone(take: Take, seq: int) -> Decoded:
-    """What a frame of a take shows by itself."""
+    """Returns what a frame of a take shows by itself."""
     sensor = take.scene.sensor
     path = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False)
     return path.decode(Renderer(take.scene, seed=take.seed).frame(seq))
@@ -161,7 +161,7 @@ def test_a_bright_frame_is_around_the_lit_cells() -> None:
 
 
 def test_a_processor_sharpens_and_bends_the_tone() -> None:
-    """Of the plain take's light: brighter lights and darker shades, and edges that overshoot."""
+    """Makes, of the plain take's light, brighter lights and darker shades, and edges that overshoot."""
     cases = ("plain", "sharpened, with a contrast curve")
     plain, processed = (first_frame(take_of(condition("robustness", case), 5)).pixels for case in cases)
     assert processed.max() > plain.max() + 10
@@ -206,7 +206,7 @@ def test_patterns_of_decoys_are_no_words(kind: str, least: int) -> None:
 
 
 def test_without_its_dead_cell_a_decoy_still_is_two_cells_off() -> None:
-    """Of the cells that are lit: else it would show what a word with a dead cell does."""
+    """Counts the cells that are lit: else it would show what a word with a dead cell does."""
     what = replace(condition("decoys", "dead_cell"), distance_m=None, angle_deg=None)
     shown = [panel for number in range(20) for panel in take_of(what, number).scene.panels]
     lit = [np.asarray(panel.cell_gains) > 0 for panel in shown]

@@ -198,7 +198,7 @@ def a_plan(suite: Suite, case: str, *set_: str) -> Plan:
 
 
 def test_a_decoy_that_is_read_as_an_id_that_a_part_can_show_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of decoys every ID exists, whatever is configured: nobody is to miss that one is read as 17, say."""
+    """Lets every ID exist for decoys, whatever is configured: nobody is to miss that one is read as 17, say."""
     drawn = draw_take(PLAIN, UNIT.panels, 1, 0)
     (panel,) = drawn.scene.panels
     shows_17 = replace(panel, codeword=load_dictionary("DICT_4X4_50").codeword(17), marker_id=None)

@@ -1,4 +1,4 @@
-"""What counts as recognised, what as a false ID, and how sure a rate is."""
+"""Scores: what counts as recognised, what as a false ID, and how sure a rate is."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_why_a_panel_was_missed() -> None:
 
 
 def test_tallies_add_up_and_survive_json() -> None:
-    """What two workers counted is what one would have."""
+    """Gives for two workers what one would have counted."""
     hit, miss = tally_of(read(found()), PANEL_7), tally_of(read(found(8)), PANEL_7)
     total = Tally.sum_of([hit, Tally.from_json(miss.as_json())])
     assert (total.frames, total.trials, total.expected, total.recognised, total.false_ids) == (2, 2, 2, 1, 1)

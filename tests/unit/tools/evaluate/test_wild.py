@@ -87,7 +87,7 @@ def test_only_ids_that_exist_are_drawn(takes: dict[str, list[Take]]) -> None:
 
 
 def test_few_takes_cover_every_range() -> None:
-    """Of 64 takes, each eighth of each range has its eight: dice would leave one of them empty now and then."""
+    """Gives each eighth of each range its eight of 64 takes: dice would leave one of them empty now and then."""
     points = [drawn(TAKE_SPANS, "near", 3, number) for number in TAKES]
     for name, span in TAKE_SPANS.items():
         at = [point[name] for point in points]
@@ -127,7 +127,7 @@ def depth(take: Take) -> float:
 
 
 def test_everything_varies_at_once(takes: dict[str, list[Take]]) -> None:
-    """Of the takes of a row a good part has each of what panels, rooms and cameras may be."""
+    """Gives a good part of a row's takes each of what panels, rooms and cameras may be."""
     scenes = [take.scene for take in takes["near"]]
     looks = [scene.panels[0].appearance for scene in scenes]
     shares = {

@@ -35,7 +35,7 @@ def diagnosis(kind: Kind, says: str = "it is upside down") -> Diagnosis:
 
 
 def test_what_is_wrong_is_said_with_its_place_and_what_helps() -> None:
-    """Of a panel, and of what may be one; and of the whole picture. A shape that is no light is left out."""
+    """Speaks of a panel, of what may be one, and of the whole picture. A shape that is no light is left out."""
     table = live()
     table.explain(Why([diagnosis("panel"), diagnosis("light"), diagnosis("shape")], [Note(says="dark", helps="light")]))
     said = [line.strip() for line in shown(table).splitlines()]
@@ -64,14 +64,14 @@ def test_what_is_wrong_with_the_daemon_is_said() -> None:
 
 
 def test_no_more_is_said_than_fits() -> None:
-    """Of twenty lamps, some."""
+    """Names some of twenty lamps."""
     table = live()
     table.explain(Why([diagnosis("light")] * 20, []))
     assert shown(table).count("upside down") == MOST_REASONS
 
 
 def test_of_a_daemon_that_is_gone_nothing_is_said() -> None:
-    """What it saw last may be gone, too; nor of the next one, before it has shown a picture."""
+    """Keeps silent on what it saw last, which may be gone, too; nor of the next one, before it has shown a picture."""
     table = live()
     table.explain(Why([diagnosis("panel")], []))
     table.take({"type": "lost"})

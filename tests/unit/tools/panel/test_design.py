@@ -162,7 +162,7 @@ def test_short_exposures_have_no_nulls_to_lie_between() -> None:
 
 
 def test_information_of_even_cells_is_its_definition() -> None:
-    """Of isotropic information i and depths a, b: D = i·(a² + b²)/2, whatever the phases."""
+    """Takes isotropic information i and depths a, b: D = i·(a² + b²)/2, whatever the phases."""
     known = even_evidence(1000.0, 0.05)
     assert separation_nats(known, (0.05, 0.02)) == pytest.approx(0.5 * 1000 * (0.05**2 + 0.02**2))
 
@@ -378,7 +378,7 @@ def test_check_takes_the_frame_rate() -> None:
 
 
 def test_an_impossible_frame_rate_is_refused() -> None:
-    """Where the row time is known."""
+    """Knows that only where the row time is known."""
     with pytest.raises(ConfigError, match=r"475 rows of 33\.67 µs; must be at least 504, at most 58\.93 fps"):
         run("--check", "1250", "2450", "--fps", "62.49", "--row-time-us", "33.67")
 
@@ -397,7 +397,7 @@ def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
 
 
 def test_what_tells_antiphase_classes_apart_is_twice_the_bands() -> None:
-    """Of isotropic information i and depth a: D = i·(2a)²/2, at any phase."""
+    """Takes isotropic information i and depth a: D = i·(2a)²/2, at any phase."""
     known = Evidence(
         score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), residual=0.0
     )

@@ -161,7 +161,7 @@ def test_what_cannot_be_driven_is_reported_in_one_line(arguments: list[str], mes
 
 
 def test_a_suggested_frequency_is_accepted() -> None:
-    """What a refusal names as best can be given, and is built."""
+    """Takes what a refusal names as best, and builds it."""
     run("--id", "7", "--black", "1253.33", "--white", "2457.76", "--out", "out")
 
 

@@ -73,7 +73,7 @@ def test_light_by_hand() -> None:
 
 @pytest.mark.parametrize("forward_v", [1.6, 2.0, 2.8, 3.2, 3.4, 4.0])
 def test_no_current_that_is_planned_is_above_the_chips_limits(forward_v: float) -> None:
-    """Of any LED and any current: 20 mA a pin, 100 mA a group of ports, 200 mA in all; or it is refused."""
+    """Tries any LED and any current: 20 mA a pin, 100 mA a group of ports, 200 mA in all; or it is refused."""
     planned = []
     for tenths in range(10, 300):
         try:

@@ -50,7 +50,7 @@ def body(side_mm: float = 160.0, leds: int = 3) -> Body:
 
 @cache
 def pages(side_mm: float = 160.0) -> dict[str, Page]:
-    """Of ID 7."""
+    """Returns those of ID 7."""
     sheet = Sheet(
         dictionary=load_dictionary("DICT_4X4_50"),
         marker_id=7,

@@ -1,4 +1,4 @@
-"""What a 16 MHz timer of 16 bits makes of a frequency, by literal numbers."""
+"""Frequencies of a 16 MHz timer of 16 bits, by literal numbers."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def cell_centres_px() -> Floats:
 
 
 def on_page(pixels: Floats) -> Floats:
-    """Where the frame's pixels (…, 2) lie on the right of the picture."""
+    """Returns where the frame's pixels (…, 2) lie on the right of the picture."""
     return (pixels + 0.5) * COLUMN / LENS.width - 0.5 + (RIGHT, PICTURES_TOP)
 
 
@@ -121,7 +121,7 @@ def test_what_was_dropped_is_outlined(snapshot: Snapshot, drawn: Pixels) -> None
 
 
 def test_every_reason_is_counted_in_the_record(snapshot: Snapshot) -> None:
-    """What has corners is in the trace once each, in the order of the decoder's own list."""
+    """Puts what has corners into the trace once each, in the order of the decoder's own list."""
     from_find = [why for why in snapshot.decoded.rejected if why.stage == "find"]
     assert from_find + [dropped.why for dropped in snapshot.dropped] == list(snapshot.decoded.rejected)
 
@@ -269,7 +269,7 @@ def test_a_side_that_was_measured_again_is_stronger_than_the_recordings(
 
 @pytest.mark.usefixtures("take_folder")
 def test_the_way_to_a_late_frame_is_shown(tmp_path: Path) -> None:
-    """Of a camera, on a terminal: it may take a while."""
+    """Shows a camera's, on a terminal: it may take a while."""
     master, slave = os.openpty()
     given = ["--set", "camera.source=recording:take", "--frame", "1"]
     command = [sys.executable, "-c", "from ledpi.cli import main; main()", "snapshot", *given]

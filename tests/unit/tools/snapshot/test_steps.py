@@ -88,7 +88,7 @@ def tile(drawn: Pixels, letter: str) -> Pixels:
 
 
 def view(bands: Snapshot) -> View:
-    """What all tiles show: the panel that was read, and what is around it."""
+    """Returns what all tiles show: the panel that was read, and what is around it."""
     (read,) = (s for s in bands.trace.uemura[0].squares if not isinstance(s.result, Rejected))
     return view_of([read.framed_px], bands.frame.pixels.shape, tile_width(4))
 
