@@ -28,7 +28,7 @@ def alone(candidates: list[Candidate]) -> list[Candidate]:
 
 @dataclass(slots=True, eq=False)
 class Agenda:
-    """Of one stream. Call `is_due` once a frame, then `schedule`, then `tried` for each candidate that was fitted."""
+    """One stream's agenda. Call `is_due` once a frame, then `schedule`, then `tried` for each that was fitted."""
 
     since_search: int = SEARCH_EVERY
     in_vain: int = 0  # searches for panels that are missing, one after the other

@@ -35,7 +35,7 @@ class Candidate(NamedTuple):
 
     @property
     def likely(self) -> bool:
-        """Whether it is worth a fit."""
+        """Tells whether it is worth a fit."""
         return self.evidence > 0.0
 
     @classmethod
@@ -94,10 +94,10 @@ class Proposer:
 
 
 def _bridged(frame: Frame, band_rows: int) -> list[Frame]:
-    """How far each pixel's column goes from dark to bright within a band, which shows nothing that is steady; and how
-    bright it is at most there.
+    """Returns how far each pixel's column goes from dark to bright within a band, and how bright it is there at most.
 
-    Both reach up to a band too far up and down, where a panel ends in a bright one: half of that is taken off.
+    Nothing that is steady shows in the first. Both reach up to a band too far up and down, where a panel ends in a
+    bright one: half of that is taken off.
     """
     column = np.ones((band_rows, 1), np.uint8)
     brightest = cv2.dilate(frame.pixels, column)

@@ -31,7 +31,7 @@ class Fit(NamedTuple):
 
     @property
     def is_finite(self) -> bool:
-        """Whether all of it are numbers; evidence that rounding has left indefinite may have no likelihood."""
+        """Tells whether all of it are numbers; evidence that rounding has left indefinite may have no likelihood."""
         of_best = self.negative + self.of_cells + sum(self.gain) + sum(self.deviation)
         return math.isfinite(of_best + sum(self.likelihood))
 

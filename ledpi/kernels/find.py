@@ -69,7 +69,7 @@ class LatticeSearcher:
 
 
 class Hypothesis(NamedTuple):
-    """What may be there: its mean light (samples,), what varies in it (K, samples), and the volume of that, in nats.
+    """A thing that may be there: mean light (samples,), what varies in it (K, samples), that volume's size in nats.
 
     Light y of covariance v·I + A·Aᵀ has squares over it of |y|² less those of y along the directions, each as long as
     the root of the share of its variance that is not v (Woodbury).
@@ -122,7 +122,7 @@ class Glancer:
     def look(
         self, pyramid: Sequence[Pixels], found: Sequence[Floats], bridged: Pixels | None, most_dimmed: float
     ) -> tuple[Floats, Floats, Floats]:
-        """Of those `found`, corners (N, 4, 2) each, the different ones, as seen in the `pyramid`; the largest first.
+        """Looks at those `found`, corners (N, 4, 2) each, for the different ones in the `pyramid`; the largest first.
 
         Their corners where a panel fits best (K, 4, 2), sides in pixels (K,), and how much likelier a panel is there
         than texture, in nats (K,); until the next. Of a picture whose bands are `bridged` in the pyramid corners
@@ -135,8 +135,9 @@ class Glancer:
         return (seen[:, 8:16] if bridged is None else seen[:, :8]).reshape(-1, 4, 2), seen[:, 16], seen[:, 17]
 
     def look_at(self, pyramid: Sequence[Pixels], corners: Floats) -> tuple[Floats, Floats]:
-        """Where panels fit best (N, 4, 2) from each of these corners (N, 4, 2); how much likelier one is there than
-        texture (N,), in nats. Until the next.
+        """Returns where panels fit best (N, 4, 2) from each of these corners (N, 4, 2), valid until the next call.
+
+        Beside it how much likelier one is there than texture (N,), in nats.
         """
         count = self._put([corners])
         lib.ledpi_glance_at(*self._given(pyramid, (NONE, 0, 0), 1.0), count, self._all)

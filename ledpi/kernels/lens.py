@@ -96,7 +96,7 @@ def widest_ray(intrinsics: Intrinsics) -> float:
 
 
 def is_widest(intrinsics: Intrinsics) -> bool:
-    """Whether no two rays within WIDEST_DEG share a pixel."""
+    """Tells whether no two rays within WIDEST_DEG share a pixel."""
     return widest_ray(intrinsics) > math.tan(math.radians(WIDEST_DEG)) * 0.999
 
 

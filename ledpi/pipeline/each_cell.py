@@ -1,4 +1,4 @@
-"""What the evidence says of each cell, for people to look at."""
+"""Evidence of each cell, for people to look at."""
 
 from __future__ import annotations
 

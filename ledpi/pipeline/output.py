@@ -1,4 +1,4 @@
-"""What was decoded, as the JSON object that `ledpi decode` prints."""
+"""Results of decoding, as the JSON object that `ledpi decode` prints."""
 
 from __future__ import annotations
 

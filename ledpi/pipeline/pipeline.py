@@ -99,7 +99,7 @@ class Pipeline:
         return replace(work.final_result(frame), row0_readout_ns=read_out_ns)
 
     def _exists(self, detection: Detection, work: Results) -> bool:
-        """Whether there is a panel of this ID."""
+        """Tells whether there is a panel of this ID."""
         exists = detection.id in self._existing
         if not exists:
             work.reject(detection.corners_px, NOT_EXISTING, detection.id)

@@ -1,4 +1,4 @@
-"""What one frame has given so far: poses, the fix, what was dropped, and how long it took."""
+"""Results of one frame so far: poses, the fix, what was dropped, and how long it took."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Results:
     fix: RobotFix | Rejected | None = None
 
     def add_time(self, stage: str, since_s: float) -> None:
-        """What a stage has taken since then (`time.perf_counter`)."""
+        """Adds what a stage has taken since then (`time.perf_counter`)."""
         self.seconds[stage] += time.perf_counter() - since_s
 
     def reject(self, corners_px: Floats, why: Rejected, marker_id: int | None = None) -> None:

@@ -1,4 +1,4 @@
-"""What a cell shows of a panel's waves, by its class.
+"""The light that a panel's waves leave in a cell, by its class.
 
 Evidence is of *waves*, a cosine and a sine of each. Where the classes blink at two frequencies, black shows the first
 wave and white the second. Of an antiphase panel there is one wave: black shows it, and white its negative, which is

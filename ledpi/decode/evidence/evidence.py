@@ -1,4 +1,4 @@
-"""What the light of a panel's cells says of the bands in them, in one frame.
+"""Evidence of the bands in a panel's cells, from their light in one frame.
 
 The light of cell c at lattice point s and picture row y is
 
@@ -44,7 +44,7 @@ class Weighed(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """What the samples say of every cell and wave: quadratic in the bands, so that codewords and frames only add up.
+    """Evidence of the samples on every cell and wave: quadratic in the bands, so codewords and frames only add up.
 
     The log-likelihood of bands x, cosine and sine of each wave in each cell, is `score·x − xᵀ·information·x/2`. There
     are P of them to a cell: 4 where the classes blink at two frequencies, 2 in antiphase.

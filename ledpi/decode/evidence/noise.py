@@ -1,4 +1,4 @@
-"""How far the noise of neighbouring pixels is alike, and what that leaves of the evidence.
+"""Noise that neighbouring pixels share, and what that leaves of the evidence.
 
 Evidence counts samples as if each pixel had noise of its own. A camera's processor that takes noise off, interpolates
 colours or scales the picture makes neighbours alike: of white noise the fine part is gone, and what is left of the
@@ -39,7 +39,7 @@ MOST_UNSURE = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """Of the noise of one fit's residual, or of several."""
+    """The correlation of the noise of one fit's residual, or of several."""
 
     excess: float  # r − r₀
     deviation: float  # of that, by chance, in white noise
@@ -78,7 +78,7 @@ def _lag(step_px: float, most: int) -> int:
 
 
 class WhiteNoise(NamedTuple):
-    """What there would be of white noise; and what tells how sure that is."""
+    """The values that white noise would give; and what tells how sure that is."""
 
     white: float  # r₀
     growth: float  # g
@@ -88,7 +88,7 @@ class WhiteNoise(NamedTuple):
     least_free: float  # samples: where fewer are, r₀ is another one
 
     def correlation(self, near: float, far: float, free_samples: float) -> Correlation:
-        """Of the noise in a fit that has left these sums of squared differences, a lag and two lags apart."""
+        """Returns that of noise in a fit that has left these sums of squared differences, a lag and two lags apart."""
         if not (far > 0.0 and free_samples >= self.least_free):
             return WHITE
         alike = 1.0 - (near / self.once) / (far / self.twice)
@@ -99,7 +99,7 @@ NOTHING = WhiteNoise(0.0, 0.0, 0.0, 1.0, 1.0, math.inf)
 
 
 def white_noise_expected(samples: CellSamples, lags: Lags, fitted: int) -> WhiteNoise:
-    """Of these samples, where `fitted` functions are fitted to each cell; `lags` are those of the differences."""
+    """Computes those of these samples, where `fitted` functions are fitted to each cell; `lags`: of the differences."""
     steps, k = _steps_of(samples), samples.lattice.k
     of_white = lattice_statistics(k, lags, _rounded(steps[0]), _rounded(steps[1]), fitted, samples.linear)
     if of_white is None:

@@ -28,7 +28,7 @@ FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: hal
 
 
 def bands_mimic_occlusion(depth: float) -> bool:
-    """Whether bands of this depth are as dark, where they are darkest, as an occlusion.
+    """Tells whether bands of this depth are as dark, where they are darkest, as an occlusion.
 
     A cell's gain is then 1 + depth·sin π(FULLY_LIT − ½), a quantile of a sinusoid.
     """
@@ -66,7 +66,7 @@ def mask_occluded(samples: CellSamples, band_light: Singles | None = None) -> Ce
 
 
 def is_unoccluded(light: Singles, valid: Mask | None, least: Singles) -> bool:
-    """Whether samples (cells, points) have the share `least` of the usual light, each over the mean of its cell."""
+    """Tells whether samples (cells, points) have the share `least` of the usual light, over the mean of their cell."""
     share = light / light.mean(axis=1, keepdims=True)
     enough = share >= least * share.mean(axis=0)
     return bool(enough.all() if valid is None else enough[valid].all())
@@ -80,7 +80,7 @@ def _reach(samples: CellSamples) -> Pixels:
 
 
 def _quantile(values: Singles, valid: Mask | None, share: float) -> Singles:
-    """Of each column's valid values."""
+    """Returns that of each column's valid values."""
     if valid is None:
         at = int(share * len(values))
         return np.asarray(np.partition(values, at, axis=0)[at])

@@ -1,4 +1,4 @@
-"""What the cells of a panel have in common: the light at a point of each, from itself and from across its borders.
+"""Light that the cells of a panel share: at a point of each, from itself and from across its borders.
 
 All cells are built alike and seen through one lens, so at each lattice point the light of all cells lies in the space
 that few unknowns span: the profile there, times each cell's own gain; what the optics mix in of its neighbours', times
@@ -21,14 +21,14 @@ from ledpi.decode.cells import BORDER_PX, INSET, CellSamples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sources:
-    """What may light up each lattice point: P columns of `_CONTRIBUTOR_GROUPS`, those of one point after each other."""
+    """The cells that may light up each lattice point: P columns of `_CONTRIBUTOR_GROUPS`, one point after the other."""
 
     column: Integers  # (P,)
     first: Integers  # (points,) where each point's begin
 
 
 def border_points(samples: CellSamples) -> tuple[int, int]:
-    """How many points at either end of a cell a neighbour may light up: across, down.
+    """Counts the points at either end of a cell that a neighbour may light up: across, down.
 
     One at least: where the outermost point of a large cell is out of a neighbour's reach, a wall may still shade it,
     and none stands at the panel's rim.

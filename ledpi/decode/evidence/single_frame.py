@@ -1,4 +1,4 @@
-"""What one picture says of the bands in a panel's cells, by comparison of the cells with each other.
+"""Evidence of one picture on the bands in a panel's cells, by comparison of the cells with each other.
 
 In C (kernels/single_frame.c). With d the light over the root of what each sample is expected to have, as shot noise has
 the variance of the light, d is fitted by what cells share at each point (`shared_light`), a gain g of each cell, eight

@@ -24,7 +24,7 @@ FAINT_DEPTH, MOST_HARMONIC = 0.1, 0.2
 
 
 def band_depth(frame: Frame, specs: Sequence[PanelSpec]) -> float:
-    """Of the deepest bands that this exposure leaves of any of these panels, over the mean light."""
+    """Returns that of the deepest bands that this exposure leaves of any of these panels, over the mean light."""
     return max(shutter.contrast(hz, frame.exposure_us, spec.duty) for spec in specs for hz in spec.waves_hz) / 2.0
 
 
@@ -46,23 +46,23 @@ def _prior_of(exposure_us: float, waves_hz: tuple[float, ...], duty: float) -> F
 
 
 def is_deep(prior: Floats) -> bool:
-    """Whether bands of this variance (P,) are so deep that their harmonics show, and hide what is static."""
+    """Tells whether bands of this variance (P,) are so deep that their harmonics show, and hide what is static."""
     return math.sqrt(2.0 * min(prior.tolist())) > FULL_DEPTH
 
 
 def is_deep_anywhere(prior: Floats) -> bool:
-    """Whether one class's are: then what a model leaves open is not noise."""
+    """Tells whether one class's are: then what a model leaves open is not noise."""
     return math.sqrt(2.0 * max(prior.tolist())) > FULL_DEPTH
 
 
 def is_faint(prior: Floats) -> bool:
-    """Whether bands are nowhere so deep that what a model leaves open may be more than noise."""
+    """Tells whether bands are nowhere so deep that what a model leaves open may be more than noise."""
     return math.sqrt(2.0 * max(prior.tolist())) <= FAINT_DEPTH
 
 
 @lru_cache(maxsize=64)
 def are_sinusoids(exposure_us: float, spec: PanelSpec) -> bool:
-    """Whether the exposure leaves so little else that all that a model by sinusoids leaves open is noise."""
+    """Tells whether the exposure leaves so little else that all that a model by sinusoids leaves open is noise."""
     first, *further = (
         max(shutter.harmonic_amplitude(order, hz, exposure_us, spec.duty) for hz in spec.waves_hz)
         for order in (1, 2, 3)

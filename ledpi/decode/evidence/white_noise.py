@@ -1,4 +1,4 @@
-"""What a fit leaves of white noise: how alike that makes samples next to each other, and how a blur changes it.
+"""White noise after a fit: how alike that makes samples next to each other, and how a blur changes it.
 
 `noise` says why. Nothing here is of a picture: it all follows from how a cell's samples are interpolated, and from what
 is fitted to them.
@@ -34,7 +34,7 @@ class Lags(NamedTuple):
 
 @cache
 def pair_count(k: int, lags: Lags, times: int) -> int:
-    """Of a cell's samples that are so many lags apart, aside or below."""
+    """Counts those of a cell's samples that are so many lags apart, aside or below."""
     inner = k - 2 * lags.rim
     return sum(inner * (inner - times * lag) for lag in (lags.aside, lags.below) if lag)
 
@@ -84,7 +84,7 @@ def _interpolated(blur_px: float, linear: bool) -> Floats:
 def lattice_statistics(
     k: int, lags: Lags, across: Step, down: Step, fitted: int, linear: bool
 ) -> tuple[float, float, float] | None:
-    """How much r₀ is above what interpolation makes it, g, and the share of a cell's samples that the fit leaves.
+    """Returns by how much r₀ exceeds that of interpolation, g, and the share of a cell's samples that the fit leaves.
 
     None where it leaves none.
     """
@@ -120,7 +120,7 @@ def _covariance(k: int, across: Step, down: Step, blur_px: float, linear: bool) 
 
 
 def _residual_statistics(covariance: Floats, basis: Floats, lags: Lags) -> tuple[float, float]:
-    """Of noise with this covariance R, what is left in a cell without an orthonormal basis F: r, and the mean square.
+    """Returns, for noise of covariance R, what a cell has left without an orthonormal basis F: r, and the mean square.
 
     What is left is M R M, M = 1 − F·Fᵀ. Two samples differ by the square of what they differ by themselves, less twice
     F·(R·F)ᵀ, and F·(Fᵀ·R·F)·Fᵀ.

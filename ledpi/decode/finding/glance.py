@@ -33,7 +33,7 @@ LEAST = 0.3  # of the noise: what varies by less is not told from it
 
 
 def varying(mean: Floats, ways: Floats) -> Hypothesis:
-    """What varies about its `mean` (samples,) by ways (N, samples), each by a deviation of its length."""
+    """Returns what varies about its `mean` (samples,) by ways (N, samples), each by a deviation of its length."""
     _, lengths, directions = np.linalg.svd(ways, full_matrices=False)
     variance = np.square(lengths)
     clear = variance > LEAST * NOISE
@@ -43,7 +43,7 @@ def varying(mean: Floats, ways: Floats) -> Hypothesis:
 
 @lru_cache(maxsize=4)
 def template(cells: int) -> Template:
-    """Of panels of `cells` × `cells`."""
+    """Makes that of panels of `cells` × `cells`."""
     at = (np.arange(-BEYOND, cells * EACH + BEYOND) + 0.5) / EACH
     levels, ways, mean = _slopes(cells, at)
     count, sides, rest = cells * cells, np.ones(4), np.array([DARK_SIGMA, *(SHAPE_SIGMA for _ in HARMONICS)])

@@ -28,7 +28,7 @@ _SHORTEST = (10, 24, 24)
 
 
 class Limits(NamedTuple):
-    """What an outline must be like; as `Limits` of kernels/find.h has them."""
+    """Limits of an outline; as `Limits` of kernels/find.h has them."""
 
     min_contrast: float = 16  # grey levels from the darkest around: less is noise and texture
     narrowest: float = 3  # pixels, across and down: less is a speck

@@ -13,7 +13,7 @@ _BRIGHTEN = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
 
 
 class Pyramid:
-    """Of frames of one size."""
+    """Pictures of frames of one size, each smaller than the last."""
 
     def __init__(self, height: int, width: int) -> None:
         self.smaller: list[Pixels] = [

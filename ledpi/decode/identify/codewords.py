@@ -1,4 +1,4 @@
-"""How well codewords, and patterns that are none, explain the evidence of all of a panel's cells together.
+"""Codewords, and patterns that are none, as explanations of the evidence of all of a panel's cells together.
 
 With score b and information A of the bands that all cells of a codeword share (P numbers), and their prior variance Λ,
 the log-likelihood ratio of the codeword to "no bands", depth and phase integrated out, is

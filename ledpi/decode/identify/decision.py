@@ -129,7 +129,7 @@ def _second_pass(
 
 
 def _is_open(first: Rejected, fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
-    """Whether a second pass may change the result of the first."""
+    """Tells whether a second pass may change the result of the first."""
     if first in (NO_BANDS, UNFIT):
         return False
     contradicted = _is_contradicted(fit, evidence, codebook, false_id_rate)
@@ -137,7 +137,7 @@ def _is_open(first: Rejected, fit: Fit, evidence: Evidence, codebook: Codebook, 
 
 
 def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
-    """Whether the evidence is already against the best codeword: too many cells, or all of one class.
+    """Tells whether the evidence is already against the best codeword: too many cells, or all of one class.
 
     Too many are more cells of the other class than the dictionary can correct. A second pass starts from the codeword's
     cells and so favours them: it may settle what was open, but not what was decided against the codeword.
@@ -152,7 +152,7 @@ def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_
 
 
 def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
-    """Whether a second pass over faint bands, which gains little, cannot gain what is missing."""
+    """Tells whether a second pass over faint bands, which gains little, cannot gain what is missing."""
     if not is_faint(evidence.prior):
         return False
     return hypotheses.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_PASS_GAIN

@@ -1,4 +1,4 @@
-"""Whether a codeword is physically plausible: its bands are one panel's, and its cells share them."""
+"""The physical plausibility of a codeword: its bands are one panel's, and its cells share them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MOST_AGAINST = 2.0
 
 
 def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evidence) -> bool:
-    """Whether square waves, seen through this exposure, can look like these waves of one panel."""
+    """Tells whether square waves, seen through this exposure, can look like these waves of one panel."""
     expected = [math.sqrt(2.0 * variance) for variance in evidence.prior[::2].tolist()]
     most = [(a + DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
     least = [(a - DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
@@ -56,7 +56,7 @@ def misfit_inflation(evidence: Evidence, fit: Fit) -> float:
 
 
 def settles_deep_bands(evidence: Evidence, fit: Fit, lead: float, needed: float) -> bool:
-    """Whether a codeword explains nearly all that deep bands show, and leads by more than is wrong with the model.
+    """Tells whether a codeword explains nearly all that deep bands show, and leads by more than the model's error.
 
     What it leaves is error of the model, of unknown variance. An alternative would leave `lead` more, so the log odds
     against it are ½ν·ln(1 + lead/left), as of a t distribution: they must be as `needed`. The ν degrees of freedom are
@@ -79,7 +79,7 @@ def _left_by_cell(evidence: Evidence, fit: Fit) -> Floats:
 
 
 def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:
-    """What a codeword's best bands gain over its likelihood, for their prior: ½ ln det(I + ΛA).
+    """Returns what a codeword's best bands gain over its likelihood, for their prior: ½ ln det(I + ΛA).
 
     Some 10 nats; from the deviation of each cosine and sine by itself, which makes it less, if anything.
     """
@@ -88,7 +88,7 @@ def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:
 
 
 def all_rows_blink(fit: Fit) -> bool:
-    """Whether every row and column of cells is likely to have the codeword's bands, and not dark at the rim.
+    """Tells whether every row and column of cells is likely to have the codeword's bands, and not dark at the rim.
 
     A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
     but for one that reaches into the panel; and the others may be the better part of another codeword. So at the rim

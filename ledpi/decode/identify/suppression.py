@@ -14,7 +14,7 @@ SAME_ID = Rejected(stage="suppression", reason="same_id")
 
 
 def suppress_duplicates(detections: Iterable[Detection]) -> list[tuple[Detection, Rejected]]:
-    """What is not the best detection of its panel, and an ID that is in several places at once: in all of them."""
+    """Suppresses what is not the best detection of its panel, and an ID that is in several places: in all of them."""
     kept: list[Detection] = []
     dropped: list[tuple[Detection, Rejected]] = []
     for detection in sorted(detections, key=lambda s: -s.margin):

@@ -1,4 +1,4 @@
-"""What may hide a panel's sides, or lengthen them, by less than its fit tells: a thin strip, a bezel's gleam."""
+"""Things that may hide a panel's sides, or lengthen them, by less than its fit tells: a thin strip, a gleam."""
 
 from __future__ import annotations
 
