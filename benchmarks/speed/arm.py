@@ -58,7 +58,7 @@ SHARES = (0.5, 1.0)  # of CoreMark's instructions a cycle, that ledpi's code is 
 
 
 def decode(pictures: Path) -> None:
-    """What is counted: a stretch for each exposure and kind, once all is warm."""
+    """Runs what is counted: a stretch for each exposure and kind, once all is warm."""
     drawn: dict[tuple[str, str], list[Frame]] = pickle.loads(pictures.read_bytes())
     for (exposure, kind), frames in drawn.items():
         scene, count = scene_of(PANELS[kind], EXPOSURES_US[exposure]), PANELS[kind]

@@ -50,7 +50,7 @@ def on_aarch64(wheel: Path, program: Sequence[str]) -> list[int]:
 
 
 def _run(command: Sequence[str], variables: dict[str, str]) -> str:
-    """What it writes to stderr."""
+    """Returns what it writes to stderr."""
     environment = os.environ | {"PYTHONHASHSEED": "0", "OPENBLAS_NUM_THREADS": "1"} | variables
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:

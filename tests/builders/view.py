@@ -60,13 +60,13 @@ class Page:
 
     @property
     def resident_mb(self) -> float:
-        """What the process holds of the machine's memory."""
+        """Returns what the process holds of the machine's memory."""
         status = Path(f"/proc/{self.process.pid}/status").read_text()
         return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
 
 def watched(page: Page, viewers: int, seconds: float, pause_s: float = 0.0) -> list[int]:
-    """How many pictures each of so many viewers gets, one after the other of one kind; `pause_s` between two.
+    """Counts the pictures that each of so many viewers gets, one after the other of one kind; `pause_s` between two.
 
     It lasts longer where by then not all that have a place have seen something.
     """

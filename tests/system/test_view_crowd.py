@@ -93,7 +93,7 @@ def test_a_crowd_that_asks_for_nothing_keeps_nobody_out(page: Page) -> None:
 
 
 def answered_s(page: Page) -> float:
-    """How long an answer takes to whoever connects for it: the median of nine."""
+    """Returns how long an answer takes to whoever connects for it: the median of nine."""
     took_s = []
     for _ in range(9):
         start_s = time.monotonic()
