@@ -42,6 +42,7 @@ BY_COMMANDS = {
 DRAWN = {
     "scripts.pictures_first_panel": (
         "driver-waves.png",
+        "first-hour-sheet.png",
         "first-panel-sheet.png",
         "first-panel-circuit.png",
         "first-panel.jpg",

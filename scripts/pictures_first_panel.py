@@ -22,6 +22,8 @@ from tests.builders.simavr import CLOCK_HZ, ROOT, PinTrace, emulate
 
 MARKER_ID = 7
 OUTPUTS = {"PB1": ("D9, class black", "#3c8ceb"), "PB2": ("D10, class white", "#faaf32")}
+ANTIPHASE = ("phase=antiphase", "black_hz=1454.02", "white_hz=1454.02")
+DIRECT = ["--direct", "--side", "0.12", *(word for key in ANTIPHASE for word in ("--set", f"panels.{key}"))]
 TRACED_S, SETTLED_S = 0.12, 0.01
 EXPOSURE_S = whole_rows_us(1e4, OV5647_ROW_TIME_US) * 1e-6
 
@@ -47,17 +49,18 @@ def draw_waves(trace: PinTrace, to: Path) -> None:
     figure.savefig(to, dpi=100)
 
 
-def draw_sheet(work: Path, to: Path) -> None:
-    """The first page of the build sheet, and the circuit of the second; each without its empty lower part."""
-    subprocess.run(
-        [sys.executable, "-m", "ledpi", "panel", "sheet", str(MARKER_ID), "--out", str(work)], cwd=ROOT, check=True
-    )
-    pages = work / "page"
-    subprocess.run(["pdftoppm", "-png", "-r", "90", work / f"panel-{MARKER_ID}.pdf", pages], check=True)
-    overview, drawings = (cv2.imread(f"{pages}-{number}.png") for number in (1, 2))
-    written = np.flatnonzero(overview.min(axis=(1, 2)) < 255)
-    cv2.imwrite(str(to / "first-panel-sheet.png"), overview[: written[-1] + 20])
-    cv2.imwrite(str(to / "first-panel-circuit.png"), drawings[: int(0.47 * len(drawings))])
+def draw_sheets(work: Path, to: Path) -> None:
+    """The first page of either build sheet, and the circuit of the second; each without its empty lower part."""
+    for options, name in (([], "first-panel-sheet.png"), (DIRECT, "first-hour-sheet.png")):
+        command = [sys.executable, "-m", "ledpi", "panel", "sheet", str(MARKER_ID), "--out", str(work), *options]
+        subprocess.run(command, cwd=ROOT, check=True)
+        pages = work / Path(name).stem
+        subprocess.run(["pdftoppm", "-png", "-r", "90", work / f"panel-{MARKER_ID}.pdf", pages], check=True)
+        overview, drawings = (cv2.imread(f"{pages}-{number}.png") for number in (1, 2))
+        written = np.flatnonzero(overview.min(axis=(1, 2)) < 255)
+        cv2.imwrite(str(to / name), overview[: written[-1] + 20])
+        if not options:
+            cv2.imwrite(str(to / "first-panel-circuit.png"), drawings[: int(0.47 * len(drawings))])
 
 
 def take_snapshot(trace: PinTrace, pins: list[str], work: Path, to: Path) -> None:
@@ -77,11 +80,11 @@ def take_snapshot(trace: PinTrace, pins: list[str], work: Path, to: Path) -> Non
 
 
 def draw(to: Path) -> None:
-    """All four, into a folder."""
+    """All five, into a folder."""
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         built = program(work / "driver", Build.TWO_OUTPUTS, MARKER_ID)
         trace = emulate(built, TRACED_S, work=work)
         draw_waves(trace, to / "driver-waves.png")
-        draw_sheet(work, to)
+        draw_sheets(work, to)
         take_snapshot(trace, wired_pins(built), work, to / "first-panel.jpg")

@@ -209,7 +209,7 @@ def _write(measured: dict[int, PanelCalibration], panels: PanelSettings, file: P
         if result.differs_from(panels.spec(marker_id)):
             values = result.overrides(panels.spec(marker_id)) | values
         else:
-            typer.echo(f"panel {marker_id} is as the configuration announces it: only the day is noted")
+            typer.echo(f"panel {marker_id} blinks as configured: only the date is written")
         changes |= {("panels", "overrides", marker_id, key): value for key, value in values.items()}
     if file is None:
         typer.echo("nothing written; for config.yaml:")

@@ -87,7 +87,7 @@ REASONS: dict[str, Explained] = {
     "capture.exposure": Explained("the camera did not expose as asked", "set what the camera can do"),
     "capture.repeated": Explained(
         "the camera gave the very same picture again, with a new time; no pose is made of it",
-        "its driver hangs: unplug it, or start the machine anew",
+        "its driver hangs: unplug it, or restart the machine",
     ),
     "capture.unreadable": Explained("a picture of a recording cannot be read (or truncated, or of the wrong_size)", ""),
     "camera.lost": Explained("the camera stalls, fails or is unplugged; it is opened again", "check the cable"),

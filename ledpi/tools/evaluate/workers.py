@@ -34,7 +34,7 @@ def run_on_processes(units: Sequence[Unit], workers: int) -> Generator[dict[str,
             for future in as_completed(futures):
                 yield future.result()
         except BrokenProcessPool:
-            raise ConfigError("a worker process has died; the same command goes on where it was") from None
+            raise ConfigError("a worker process has died; the same command resumes the work") from None
         except BaseException:  # Ctrl-C: what is half done will not be asked for, and may take long
             for worker in multiprocessing.active_children():
                 if worker not in others:

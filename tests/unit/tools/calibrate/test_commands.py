@@ -101,7 +101,7 @@ def test_what_only_the_recording_knows_is_written_too(command: Command, simulate
     take = simulated("panels.black_hz=1262", "panels.white_hz=2431", claimed={})
     status, out, err = command("calibrate", "panel", take)
     assert (status, err) == (0, "")
-    assert "as the configuration announces" not in out
+    assert "blinks as configured" not in out
     spec = load_config(Path("config.yaml")).panels.spec(7)
     assert (spec.black_hz, spec.white_hz) == pytest.approx((1262.0, 2431.0), rel=1e-3)
 
@@ -113,7 +113,7 @@ def test_what_is_said_and_what_is_written_are_of_one_announcement(command: Comma
     assert status == 0
     assert "% of 1250)" in out
     assert "1350" not in out
-    assert "panel 7 is as the configuration announces it" in out
+    assert "panel 7 blinks as configured" in out
 
 
 def test_a_duty_that_is_off_by_noise_is_not_written(command: Command, simulated: Simulated) -> None:
@@ -178,7 +178,7 @@ def test_a_driver_that_is_right_changes_nothing(command: Command, simulated: Sim
 def test_of_a_panel_that_is_as_announced_the_day_is_noted(command: Command, simulated: Simulated) -> None:
     """And no frequencies, which would cost decoding time."""
     take = simulated(claimed={})
-    assert "panel 7 is as the configuration announces it" in command("calibrate", "panel", take)[1]
+    assert "panel 7 blinks as configured" in command("calibrate", "panel", take)[1]
     panels = load_config(Path("config.yaml")).panels
     assert panels.overrides[7].measured == date.today()
     assert panels.spec(7) == panels.spec()
