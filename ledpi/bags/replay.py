@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.config.camera_yaml import lens_of
-from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config
 from ledpi.core.records import Decoded, Frame
-from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.of_config import pipeline_of
 from ledpi.recording.overrides import load_recording_with
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import FrameEntry, Recording
@@ -33,14 +32,9 @@ class Replay:
 
     def __init__(self, config: Config, folder: Path) -> None:
         self.recording: Recording = load_recording_with(config, folder)
-        self._pipeline = Pipeline(
-            self.recording.camera,
-            config.panels,
-            intrinsics=lens_of(self.recording.camera, config.camera.intrinsics),
-            source_panel=self.recording.panel_values,
-            robot=load_robot(config),
-            method=config.decode.method,
-        )
+        camera = self.recording.camera
+        lens = lens_of(camera, config.camera.intrinsics)
+        self._pipeline = pipeline_of(config, camera, lens, self.recording.panel_values)
 
     def frames(self, warn: Warn) -> Iterator[Replayed]:
         """Each in its order; broken pictures are left out with a warning."""

@@ -17,7 +17,7 @@ from ledpi.cli.drawn import write_drawn
 from ledpi.cli.progress import progress
 from ledpi.cli.stills import says_all, still_of
 from ledpi.core.errors import ConfigError, RecordingError
-from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, PanelValues, Rejected
+from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
 from ledpi.core.wording import one_line
 from ledpi.pipeline.output import decoded_as_json
 
@@ -102,13 +102,14 @@ def _decode_recording(
     from ledpi.config.camera_yaml import lens_of
     from ledpi.core.row_clock import row_time_note
     from ledpi.decode.identify.frequency_search import off_frequency_note
+    from ledpi.pipeline.of_config import pipeline_of
     from ledpi.recording.picture import read_picture
 
     camera = recording.camera
     if recording.row_time_ratio != 1.0:
         _note(f"{recording.folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}")
     lens = lens_of(camera, settings.camera.intrinsics)
-    pipeline = _pipeline(settings, camera, lens, stream=stream, source_panel=recording.panel_values)
+    pipeline = pipeline_of(settings, camera, lens, recording.panel_values, stream=stream)
     bad = 0
     if as_live and (recording.folder / OLD_STATE_FILE).exists():
         _note(f"{recording.folder}: {OLD_STATE_FILE} is not read; the first second may differ from what was live")
@@ -133,12 +134,13 @@ def _decode_recording(
 
 def _decode_pictures(stills: list[tuple[Path, Still]], steps: Path | None, *, advance: Callable[[int], None]) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
+    from ledpi.pipeline.of_config import pipeline_of
     from ledpi.recording.still import read_still
 
     bad, used, pipeline = 0, None, None
     for seq, (path, still) in enumerate(stills):
         if pipeline is None or used != still:
-            pipeline, used = _pipeline(still.settings, still.camera, still.lens, stream=False), still
+            pipeline, used = pipeline_of(still.settings, still.camera, still.lens, stream=False), still
         try:
             frame = read_still(path, still.camera, seq)
         except RecordingError as error:
@@ -149,23 +151,6 @@ def _decode_pictures(stills: list[tuple[Path, Still]], steps: Path | None, *, ad
             _decode(frame, str(path), pipeline, still.lens, steps)
         advance(1)
     return bad
-
-
-def _pipeline(
-    settings: Config,
-    camera: CameraInfo,
-    lens: Intrinsics | None,
-    *,
-    stream: bool,
-    source_panel: PanelValues | None = None,
-) -> Pipeline:
-    from ledpi.config.robot import load_robot
-    from ledpi.pipeline.pipeline import Pipeline
-
-    robot, method = load_robot(settings), settings.decode.method
-    return Pipeline(
-        camera, settings.panels, intrinsics=lens, source_panel=source_panel, robot=robot, method=method, stream=stream
-    )
 
 
 def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None, steps: Path | None) -> None:

@@ -66,19 +66,11 @@ def record(
 
 def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
     from ledpi.config.camera_yaml import lens_of
-    from ledpi.config.robot import load_robot
-    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.pipeline.of_config import pipeline_of
     from ledpi.runtime.recorder import Recorder
 
     lens = lens_of(camera.info, settings.camera.intrinsics)
-    pipeline = Pipeline(
-        camera.info,
-        settings.panels,
-        intrinsics=lens,
-        source_panel=camera.panel,
-        method=settings.decode.method,
-        robot=load_robot(settings),
-    )
+    pipeline = pipeline_of(settings, camera.info, lens, camera.panel)
     return Recorder(camera, _writer(out, settings, replace(camera.info, intrinsics=lens), pipeline), pipeline)
 
 

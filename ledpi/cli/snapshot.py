@@ -60,8 +60,7 @@ def snapshot(
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
     """
-    from ledpi.config.robot import load_robot
-    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.pipeline.of_config import pipeline_of
     from ledpi.tools.snapshot.page import draw
     from ledpi.tools.snapshot.record import explain, take
     from ledpi.tools.snapshot.steps import draw_steps
@@ -77,15 +76,7 @@ def snapshot(
     daemon = _of_daemon(config, overrides) if path is None and not asks_for_camera else None
     source, settings = daemon or _open(path, config, overrides, frame)
     check_apart(out.parent, source.pictures, "--out")
-    pipeline = Pipeline(
-        source.camera,
-        settings.panels,
-        intrinsics=source.intrinsics,
-        source_panel=source.panel,
-        robot=load_robot(settings),
-        method=settings.decode.method,
-        stream=False,
-    )
+    pipeline = pipeline_of(settings, source.camera, source.intrinsics, source.panel, stream=False)
     taken = take(source.title, source.frame, pipeline, source.intrinsics)
     why = explain(taken)
     write_drawn(out, draw_steps(taken) if steps else draw(taken, why), "--out")

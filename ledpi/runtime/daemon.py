@@ -11,7 +11,6 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 from ledpi.camera.base import Camera
 from ledpi.camera.exposure_notes import exposure_notes
@@ -24,9 +23,11 @@ from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError, TransientError
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Rejected
 from ledpi.decode.identify.frequency_search import off_frequency_note
+from ledpi.pipeline.of_config import pipeline_of
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pose.fix import Robot
 from ledpi.runtime.health import Health, StageTimes
+from ledpi.runtime.left import NOTHING_LEFT, Left
 from ledpi.runtime.liveness import Liveness
 from ledpi.runtime.observers import Observers
 from ledpi.runtime.pacing import Pacing
@@ -56,24 +57,6 @@ STARTING = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
 _log = logging.getLogger("ledpi")
 
 
-class Left(NamedTuple):
-    """Things that a daemon leaves to the next one: running, and not to be opened again."""
-
-    camera: Camera | None
-    publisher: Publisher | None
-
-    def close(self) -> None:
-        """Closes them, as there is no next one."""
-        if self.camera is not None:
-            with suppress(CameraError, OSError):
-                self.camera.close()
-        if self.publisher is not None:
-            self.publisher.stop()
-
-
-NOTHING_LEFT = Left(camera=None, publisher=None)
-
-
 class Daemon:
     """One run over one camera."""
 
@@ -100,14 +83,7 @@ class Daemon:
         self._has_map = config.map is not None
         self._ring = FrameRing(info.height, info.width)
         robot = load_robot(config)
-        self._pipeline = Pipeline(
-            info,
-            config.panels,
-            intrinsics=self._calibrated,
-            source_panel=camera.panel,
-            robot=robot,
-            method=config.decode.method,
-        )
+        self._pipeline = pipeline_of(config, info, self._calibrated, camera.panel, robot=robot)
         setup = setup_of(config, info, self._pipeline.panels, self._calibrated, robot.panels)
         lens = replace(info, intrinsics=self._calibrated)
         self._observers = Observers(config, self._pipeline, lens, info.frame_period_ms, setup, tap)

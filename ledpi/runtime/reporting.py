@@ -13,7 +13,7 @@ from typing import TextIO
 from ledpi.runtime.health import HealthSnapshot, StageTimes
 from ledpi.runtime.processor import Processor
 from ledpi.runtime.ring import RingCounters
-from ledpi.wire.publisher import PublisherCounters
+from ledpi.wire.publisher_counters import PublisherCounters
 
 _PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DEBUG: 7}  # syslog's
 

@@ -11,7 +11,8 @@ from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config
 from ledpi.core.errors import LedpiError, RecordingError
 from ledpi.core.wording import one_line
-from ledpi.runtime.daemon import NOTHING_LEFT, Daemon, Left
+from ledpi.runtime.daemon import Daemon
+from ledpi.runtime.left import NOTHING_LEFT, Left
 from ledpi.runtime.reload import Reading
 from ledpi.runtime.reporting import Totals, event
 from ledpi.runtime.systemd import notify

@@ -19,7 +19,7 @@ from ledpi.tap.messages import Setup
 from ledpi.tap.places import AUTO, to_serve
 from ledpi.tap.server import Tap
 from ledpi.wire.message import StatusMessage
-from ledpi.wire.publisher import PublisherCounters
+from ledpi.wire.publisher_counters import PublisherCounters
 
 RECENT_S = 5  # long enough for several packets of each kind, and short enough to be now
 

@@ -7,7 +7,6 @@ import logging
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
 
 from ledpi.config.settings import SerialSettings
 from ledpi.core.errors import WireError
@@ -18,6 +17,7 @@ from ledpi.wire.line import SerialLine
 from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage
 from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox
+from ledpi.wire.publisher_counters import PublisherCounters
 
 BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 0.5  # a port that is back is found within this time
@@ -27,33 +27,6 @@ OTHERS_EVERY_S = 5.0  # who else has the port open is looked for: some milliseco
 RECENT = 15  # packets that say how long it takes to make one
 
 _log = logging.getLogger("ledpi")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PublisherCounters:
-    """Since the publisher was made. Packets written, poses that were not, and the port's state."""
-
-    fixes: int
-    statuses: int
-    markers: int
-    replaced: int  # by a newer pose before there was room on the line
-    stale: int  # older than max_age_ms when their turn came
-    refused: int  # not fit to be sent: out of range, or from the future
-    cut: int  # packets that the port took only in part
-    opened: int  # times the port was opened
-    port: str | None  # None: there is none, and poses go to the tap alone
-    connected: bool
-    error: str | None  # why the port is not open, or was last lost
-
-    @property
-    def sent(self) -> int:
-        """Packets of all kinds."""
-        return self.fixes + self.statuses + self.markers
-
-    @property
-    def unsent(self) -> int:
-        """Poses that never reached the line."""
-        return self.replaced + self.stale + self.refused
 
 
 class Publisher:

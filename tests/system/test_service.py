@@ -24,7 +24,7 @@ from ledpi.runtime.reporting import Totals, event, minute_line
 from ledpi.runtime.ring import RingCounters
 from ledpi.runtime.tapping import RECENT_S, RecentPackets
 from ledpi.wire import StatusMessage
-from ledpi.wire.publisher import PublisherCounters
+from ledpi.wire.publisher_counters import PublisherCounters
 from tests.builders import ROOT
 from tests.builders.daemon import (
     COMMAND,

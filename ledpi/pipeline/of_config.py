@@ -1,0 +1,30 @@
+"""The pipeline of a configuration, for whatever frames come from."""
+
+from __future__ import annotations
+
+from ledpi.config.robot import load_robot
+from ledpi.config.settings import Config
+from ledpi.core.records import CameraInfo, Intrinsics, PanelValues
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pose.fix import Robot
+
+
+def pipeline_of(
+    config: Config,
+    camera: CameraInfo,
+    lens: Intrinsics | None,
+    source_panel: PanelValues | None = None,
+    *,
+    robot: Robot | None = None,
+    stream: bool = True,
+) -> Pipeline:
+    """Makes one that has seen nothing. `robot`: where it is loaded already. Raises LedpiError."""
+    return Pipeline(
+        camera,
+        config.panels,
+        intrinsics=lens,
+        source_panel=source_panel,
+        robot=load_robot(config) if robot is None else robot,
+        method=config.decode.method,
+        stream=stream,
+    )
