@@ -153,7 +153,7 @@ def test_doctors_page_goes_on_to_its_end(use: Use) -> None:
     found = {finding.name: finding for finding in examine(load_config(None, ("panels.side_m=0.16",)))}
     assert "unexpected keyword argument 'sensor'" in found["camera"].said
     assert f"picamera2 {OLDEST} or newer" in found["camera"].remedy
-    assert list(found)[-1] == "throttling"
+    assert list(found)[-1] == "speed"
 
 
 def test_what_nobody_has_foreseen_does_not_end_doctors_page(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,4 +165,4 @@ def test_what_nobody_has_foreseen_does_not_end_doctors_page(monkeypatch: pytest.
     monkeypatch.setattr("ledpi.tools.doctor.camera.open_camera", fails)
     found = {finding.name: finding for finding in examine(load_config(None, ("camera.source=simulated",)))}
     assert found["camera"].said == "could not be looked at: KeyError: 'sensor'"
-    assert list(found)[-1] == "throttling"
+    assert list(found)[-1] == "speed"
