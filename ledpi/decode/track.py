@@ -64,6 +64,10 @@ class TrackState(NamedTuple):
             covariance = (1.0 - NEW_VELOCITY) ** 2 * self.velocity_covariance + NEW_VELOCITY**2 * covariance
         return TrackState.from_quad(quad, now_ns)._replace(velocity_px_s=velocity, velocity_covariance=covariance)
 
+    def forget_velocity(self) -> TrackState:
+        """The state without what earlier frames say of its motion."""
+        return self._replace(velocity_px_s=None, velocity_covariance=None)
+
     def predicted_px(self, now_ns: int) -> Floats:
         """(4, 2) the predicted corners, at constant velocity."""
         if self.velocity_px_s is None:

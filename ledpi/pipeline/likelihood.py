@@ -174,6 +174,7 @@ class LikelihoodPath:
         since = time.perf_counter()
         detections, times = [], frame.drop_picture()
         for quad, track, samples in sampled_squares:
+            was_read = track.history.identity is not None
             outcome = self._reader.read(track.history, samples, times, partial(self._locator.evidence, frame, quad))
             track.history = outcome.history
             if outcome.contradicted:
@@ -183,6 +184,8 @@ class LikelihoodPath:
             if isinstance(outcome.identity, Rejected):
                 work.reject(quad.corners_px, outcome.identity)
                 continue
+            if not was_read:  # what was not may have been fitted a part of a cell beside
+                track.state = track.state.forget_velocity()
             detections.append(self._detection(quad, outcome.identity, track))
         work.add_time("identify", since)
         return detections

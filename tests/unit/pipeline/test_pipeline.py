@@ -138,6 +138,17 @@ def test_an_uncalibrated_camera_gives_ids_without_poses() -> None:
     assert marker.alternate is None
 
 
+def test_a_panel_moves_from_where_it_was_read() -> None:
+    """What was not read there may have been fitted a part of a cell beside: no velocity, where it is read first."""
+    stream, here, beside, unknown = pipeline(stream=True), square(320, 240, 100), square(320, 230, 100), word(7)
+    unknown[0], unknown[3] = unknown[3].copy(), unknown[0].copy()
+    assert not stream.decode(frame_of((beside, unknown))).markers
+    first, then = (stream.decode(frame_of((here, word(7)), seq=seq)).markers[0].detection for seq in (1, 2))
+    assert first.velocity_px_s is None
+    assert then.velocity_px_s is not None
+    assert np.abs(then.velocity_px_s).max() < 100.0  # 10 px in a frame would be 600 px/s
+
+
 def turned_by(yaw_deg: float) -> Floats:
     """Of a panel that faces the camera but for this."""
     return np.asarray(cv2.Rodrigues(np.array([0, np.radians(yaw_deg), 0]))[0] @ np.diag([1.0, -1.0, -1.0]))
