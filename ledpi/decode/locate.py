@@ -13,6 +13,7 @@ from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, dimmest
 from ledpi.decode.finding.glance import template
 from ledpi.decode.finding.pyramid import Pyramid
+from ledpi.decode.following import Follower
 from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
@@ -48,6 +49,7 @@ class Locator:
         self._must_blink = must_blink
         self._cells, self._specs = cells, specs
         self._fitter = Fitter(cells, intrinsics)
+        self.follower = Follower(self._fitter)
         self._glancer = Glancer(cells, cells * MIN_CELL_PX, template(cells))
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 from ledpi.core.geometry import corners_apart, quad_middle, quad_side
 from ledpi.core.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
 from ledpi.decode.history import History
+from ledpi.decode.model.picture import PanelPicture
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
 
@@ -78,10 +79,12 @@ class TrackState(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """One lit square over time. Both fields are records; a frame replaces them."""
+    """One lit square over time. All fields are records; a frame replaces them."""
 
     state: TrackState
     history: History
+    fits: tuple[Floats, ...] = ()  # unknowns of the last ones, while it was read
+    picture: PanelPicture | None = None  # that it is followed by, once there were enough
 
     @property
     def place(self) -> Place:

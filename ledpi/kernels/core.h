@@ -194,6 +194,21 @@ typedef struct {
 bool ledpi_panel_evidence(PanelEvidence *evidence, uint8_t *room);
 ptrdiff_t ledpi_panel_evidence_room(void);
 
+/* A panel's own picture, as a fit had it, to follow it by: on a grid of `lines` both ways, `width` apart (a multiple of eight),
+ * `along` (width) 0..1 from the first corner. All is over the root of its variance, `weight` (lines, width): light without bands;
+ * its slopes by `unknowns`, those of a fit but for a cell's gain alone; light of the cells that show each of the waves. `inverse`
+ * (unknowns, unknowns) of the products of slopes, with what is known beforehand, which is what pulls (unknowns); 0 for what is not
+ * free. `ridge`, a sample's variance over that of a wave. The covariance of the corners of what is lit, by the panel (0..1). */
+typedef struct {
+    ptrdiff_t lines, width, unknowns, waves;
+    float *along, *weight, *light, *slopes, *shown;
+    const double *inverse, *pull;
+    double ridge[2], covariance[64];
+} PanelPicture;
+
+void ledpi_panel_picture(const PanelFit *fitted, const double *shares, PanelPicture *out, uint8_t *room);
+bool ledpi_follow_panel(PanelFit *fit, const PanelPicture *panel, float *room);
+
 /* ---- Rays and pixels (lens.c) */
 
 void ledpi_project_points(const double *lens, ptrdiff_t count, const double *points, double *pixels, double *slopes);

@@ -21,18 +21,6 @@ enum { MOST = 256 }; /* that are looked at: what has more is texture */
 #define LEAST_GAIN 0.2 /* of a panel's own light: what moves it is divided by no less */
 #define FARTHEST 3.0 /* sizes of the picture */
 
-static LEDPI_INLINE float product(const float *a, const float *b, ptrdiff_t count) {
-    enum { CHAINS = 16 / LEDPI_WIDTH }; /* none waits for another */
-    Eight sums[CHAINS] = {{0}};
-    ptrdiff_t i = 0;
-    for (; i + 16 <= count; i += 16)
-        for (int k = 0; k < CHAINS; k++)
-            sums[k] += *(const Eight *)(a + i + k * LEDPI_WIDTH) * *(const Eight *)(b + i + k * LEDPI_WIDTH);
-    for (int k = 0; i < count; i += LEDPI_WIDTH, k++) sums[k] += *(const Eight *)(a + i) * *(const Eight *)(b + i);
-    for (int k = 1; k < CHAINS; k++) sums[0] += sums[k];
-    return ledpi_total(sums[0]);
-}
-
 static double side_of(const double *c) {
     return sqrt(0.5 * fabs((c[4] - c[0]) * (c[7] - c[3]) - (c[6] - c[2]) * (c[5] - c[1])));
 }
@@ -92,9 +80,9 @@ static LEDPI_INLINE Levels levels_of(const GlanceTemplate *t, const float *seen)
  * taken off (Woodbury). */
 static LEDPI_INLINE float squares_of(const GlanceTemplate *t, const GlanceHypothesis *of, const float *light, float *about) {
     for (ptrdiff_t i = 0; i < t->size; i++) about[i] = light[i] - of->mean[i];
-    float left = product(about, about, t->size);
+    float left = ledpi_product(about, about, t->size);
     for (ptrdiff_t k = 0; k < of->ranks; k++) {
-        const float explained = product(of->directions + k * t->size, about, t->size);
+        const float explained = ledpi_product(of->directions + k * t->size, about, t->size);
         left -= explained * explained;
     }
     return left;
@@ -104,10 +92,10 @@ static LEDPI_INLINE float squares_of(const GlanceTemplate *t, const GlanceHypoth
 static LEDPI_INLINE bool moves(const GlanceTemplate *t, const double h[9], const float *light, double farthest, float *about, Point corners[4]) {
     double ways[WAYS], gain = 0.0, most = 0.0;
     for (ptrdiff_t i = 0; i < t->size; i++) about[i] = light[i] - t->panel.mean[i];
-    for (ptrdiff_t k = 0; k < t->cells * t->cells; k++) gain += 1.0 + product(t->gains + k * t->size, about, t->size);
+    for (ptrdiff_t k = 0; k < t->cells * t->cells; k++) gain += 1.0 + ledpi_product(t->gains + k * t->size, about, t->size);
     gain = fmax(gain / (double)(t->cells * t->cells), LEAST_GAIN);
     for (ptrdiff_t k = 0; k < WAYS; k++) {
-        ways[k] = product(t->ways + k * t->size, about, t->size) / gain;
+        ways[k] = ledpi_product(t->ways + k * t->size, about, t->size) / gain;
         most = fmax(most, fabs(ways[k]));
     }
     if (!(most > SMALL_MOVE)) return false;

@@ -22,6 +22,19 @@ static inline float ledpi_total(Eight of) {
 #define LEDPI_AT_ONCE 64 /* rows whose 100 columns or so stay in the cache */
 #define LEDPI_RIDGE 1e-5 /* of the mean diagonal: what may be singular but for rounding is made solvable */
 
+/* The sum of the products of two columns; `count` is a multiple of eight. */
+static inline __attribute__((always_inline)) float ledpi_product(const float *a, const float *b, ptrdiff_t count) {
+    enum { CHAINS = 16 / LEDPI_WIDTH }; /* none waits for another */
+    Eight sums[CHAINS] = {{0}};
+    ptrdiff_t i = 0;
+    for (; i + 16 <= count; i += 16)
+        for (int k = 0; k < CHAINS; k++)
+            sums[k] += *(const Eight *)(a + i + k * LEDPI_WIDTH) * *(const Eight *)(b + i + k * LEDPI_WIDTH);
+    for (int k = 0; i < count; i += LEDPI_WIDTH, k++) sums[k] += *(const Eight *)(a + i) * *(const Eight *)(b + i);
+    for (int k = 1; k < CHAINS; k++) sums[0] += sums[k];
+    return ledpi_total(sums[0]);
+}
+
 /* `sums` (width, width) += the products of the columns of `rows` (count, width), on and above the diagonal at least. */
 void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums);
 

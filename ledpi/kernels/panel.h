@@ -92,6 +92,9 @@ void ledpi_panel_lines(const Line *lines, const double *along, ptrdiff_t count, 
 void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown, const Lines *across,
                         const Line *down, float v, Samples *out);
 
+/* What is seen at eight places u, v of the panel (0..1): `seen`, `row` and `tells` (panel_light.c). */
+void ledpi_panel_look(const Panel *panel, const View *view, const float *h, const float *u, float v, Samples *out);
+
 /* Squares of the light that bands explain, and that they should. */
 typedef struct {
     double seen, expected;

@@ -45,7 +45,7 @@ Fitting ledpi_panel_begun(const PanelFit *asked, PanelFit *into) {
                  {asked->focal[0], asked->focal[1]}, {asked->centre[0], asked->centre[1]}, (const Lens *)asked->lens},
         .panel = {asked->cells, asked->waves, {asked->cycles_a_row[0], asked->cycles_a_row[1]}, {0.0, 0.0}, asked->scale, asked->dark},
         .asked = asked, .along = asked->along, .prior = asked->prior, .lines = asked->lines,
-        .reweightings = asked->reweightings, .unknown = asked->unknown, .covariance = into->covariance,
+        .reweightings = asked->reweightings, .unknown = asked->unknown, .covariance = into ? into->covariance : NULL,
     };
     memcpy(fit.sought, asked->unknown + PHASE, sizeof fit.sought);
     fit.own = asked->banded ? OWN : 1, fit.owns = fit.own * asked->cells * asked->cells, fit.size = fit.owns + COMMON;

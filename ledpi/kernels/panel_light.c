@@ -237,6 +237,12 @@ static LEDPI_INLINE void put_ways(Eight u, float v, ptrdiff_t cells, const Terms
     by[6] = p * both, by[7] = q * both;
 }
 
+LEDPI_SIMD void ledpi_panel_look(const Panel *panel, const View *view, const float *h, const float *u, float v, Samples *s) {
+    Eight x, y;
+    put_places(view, h, *(const Eight *)u, v, &x, &y, &s->row);
+    put_seen(panel, view, x, y, s);
+}
+
 LEDPI_SIMD void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown,
                                    const Lines *across, const Line *down, float v, Samples *s) {
     const Profile profile = ledpi_panel_profile(unknown, down);

@@ -15,6 +15,8 @@ Bits = NDArray[np.bool_]
 MOST_CORRECTED = 1  # cells that may be of the other class while a pattern still is a codeword
 
 _TURNED = (np.arange(4)[:, None] + np.arange(4)) % 4  # which corner comes where, by quarter turns
+_NUMBERS = (2 * _TURNED[:, :, None] + (0, 1)).reshape(4, 8)  # the same of x and y of each
+_PRODUCTS = 8 * _NUMBERS[:, :, None] + _NUMBERS[:, None, :]  # and of their covariance, counted through
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,6 +150,5 @@ def corners_of_turned(quad_corners: NDArray[np.float64], quarter_turns: int) -> 
 
 def covariance_of_turned(quad_covariance: NDArray[np.float64], quarter_turns: int) -> NDArray[np.float64]:
     """(8, 8) of the corners' x and y, in the marker's own order, as `corners_of_turned` has it."""
-    order = (2 * np.array(_TURNED[quarter_turns % 4])[:, None] + (0, 1)).ravel()
-    turned: NDArray[np.float64] = quad_covariance[np.ix_(order, order)]
+    turned: NDArray[np.float64] = quad_covariance.take(_PRODUCTS[quarter_turns % 4])
     return turned

@@ -9,14 +9,17 @@ from functools import partial
 from typing import TypeAlias
 
 from ledpi.config.panels import PanelSettings
-from ledpi.core.records import CameraInfo, Detection, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
+from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
 from ledpi.decode.agenda import Agenda, alone
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.waves import are_sinusoids
+from ledpi.decode.following import MOST_FITS
 from ledpi.decode.history import Identity
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.locate import Locator
 from ledpi.decode.model.fit import MISFIT
+from ledpi.decode.model.picture import PanelPicture
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
 from ledpi.decode.track import CONTRADICTED, SAME_PLACE, Track, Tracker
@@ -92,16 +95,22 @@ class LikelihoodPath:
         followed = []
         for track in tracks:
             at = track.state.predicted_px(frame.row0_readout_ns)
-            known = track.state.unknown
-            if track.state.velocity_px_s is None or known is None:  # how it moves is known from its second frame on
-                quad = self._locator.localise(frame, at)
-            else:
-                quad = self._locator.refine(frame, at, known)
+            quad, track.picture = self._at(frame, track, at)
             there = self._tracker.continue_track(track, quad)
             if there is not None:
                 followed.append((there, track))
         work.add_time("fit", start)
         return self._sample(frame, followed, sampled_squares, work)
+
+    def _at(self, frame: Frame, track: Track, at: Floats) -> tuple[Quad | Rejected, PanelPicture | None]:
+        """The square of a track at its predicted corners; and the picture that it still may be followed by."""
+        followed = None if track.picture is None else self._locator.follower.follow(frame, at, track.picture)
+        if followed is not None:
+            return followed
+        known = track.state.unknown
+        if track.state.velocity_px_s is None or known is None:  # how it moves is known from its second frame on
+            return self._locator.localise(frame, at), None
+        return self._locator.refine(frame, at, known), None
 
     def _search(
         self, frame: Frame, most: int, sampled_squares: list[_Sampled], work: Results
@@ -212,6 +221,20 @@ class LikelihoodPath:
     def _prepare_next(self, frame: Frame, sampled_squares: list[_Sampled], work: Results) -> None:
         """Work for the frames to come."""
         since, times = time.perf_counter(), frame.drop_picture()
-        for _, track, samples in sampled_squares:
+        for quad, track, samples in sampled_squares:
             track.history = self._reader.prepare_next(track.history, samples, times)
+            track.picture = self._next_picture(frame, quad, track)
         work.add_time("identify", since)
+
+    def _next_picture(self, frame: Frame, quad: Quad, track: Track) -> PanelPicture | None:
+        """What the panel is to be followed by: none while its ID is not known, or where bands are deep."""
+        identity = track.history.identity
+        spec = None if identity is None else track.history.memories[identity.group].spec
+        if identity is None or spec is None or not are_sinusoids(frame.exposure_us, spec):
+            track.fits = ()
+            return None
+        if track.picture is not None:
+            return track.picture if track.picture.spec == spec else None
+        if quad.unknown is not None and quad.hidden is None:
+            track.fits = (*track.fits[1 - MOST_FITS :], quad.unknown)
+        return self._locator.follower.begin(frame, quad, track.fits, spec, identity.reading.cell_bands)

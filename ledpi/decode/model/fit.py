@@ -77,7 +77,7 @@ class Fitter:
         self._cells = cells
         self._intrinsics = intrinsics
         self._lens = bending_lens_of(intrinsics)
-        self._solver, self._weigher = Solver(), Weigher()
+        self.solver, self._weigher = Solver(), Weigher()
         self.sampled = 0  # places, by all fits so far
 
     def fit(
@@ -91,7 +91,7 @@ class Fitter:
     ) -> Fitted | Rejected:
         """From corners (4, 2) of the lattice, or why it comes to nothing. `known`: unknowns to begin with."""
         cells = self._cells
-        pitch_px = _pitch_px(corners_px / window.shrink, cells)
+        pitch_px = pitch_px_of(corners_px / window.shrink, cells)
         lines = grid(cells, round(min(pitch_px), 1), roughly=effort.roughly)
         if len(lines) > MOST_LINES:
             return DIVERGED
@@ -101,8 +101,8 @@ class Fitter:
         unknown = (given[0] if known is None else known).copy()
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
         per_row = frame.row_time_us * 1e-6
-        outcome, fit = self._solver.fit(
-            **self._view(frame, window),
+        outcome, fit = self.solver.fit(
+            **self.view(frame, window),
             cells=cells,
             waves=tables,
             cycles_a_row=(spec.black_hz * per_row, spec.white_hz * per_row),
@@ -127,7 +127,7 @@ class Fitter:
         None where there is too little of it to tell bands from all else that is not known.
         """
         cells, count = self._cells, len(spec.waves_hz)
-        pitch_px = _pitch_px(lattice_px / window.shrink, cells)
+        pitch_px = pitch_px_of(lattice_px / window.shrink, cells)
         each = min(MOST_EACH, max(FEWEST_EACH, round(math.sqrt(pitch_px[0] * pitch_px[1]))))
         lines = (np.arange(cells * each) + 0.5) / each
         across, down = (round(max(1.0, min(each, pitch)), 1) for pitch in pitch_px)
@@ -135,7 +135,7 @@ class Fitter:
         score, information = np.empty((cells**2, 2 * count)), np.empty((cells**2, 2 * count) * 2)
         found, weighed = self._weigher.weigh(
             {
-                **self._view(frame, window),
+                **self.view(frame, window),
                 "cells": cells,
                 "waves": waves(spec, frame.exposure_us, frame.row_time_us, window.shrink),
                 "cycles_a_row": tuple(hz * frame.row_time_us * 1e-6 for hz in (spec.black_hz, spec.white_hz)),
@@ -163,7 +163,7 @@ class Fitter:
         gains = unknown[COMMON::OWN]
         return erase_cells(evidence, np.asarray(gains < UNLIT * gains.mean()))
 
-    def _view(self, frame: Frame, window: Window) -> dict[str, Any]:
+    def view(self, frame: Frame, window: Window) -> dict[str, Any]:
         """What the solver is told of the light, and of the lens: a guess where that is not known."""
         height, width = frame.pixels.shape
         known = self._intrinsics
@@ -216,7 +216,7 @@ def turns(frame: Frame, spec: PanelSpec, phases: list[float]) -> list[list[float
     return out
 
 
-def _pitch_px(corners_px: Floats, cells: int) -> tuple[float, float]:
+def pitch_px_of(corners_px: Floats, cells: int) -> tuple[float, float]:
     """A cell's mean width and height."""
     a, b, c, d = corners_px
     return float(np.hypot(*(b + c - a - d))) / (2 * cells), float(np.hypot(*(c + d - a - b))) / (2 * cells)

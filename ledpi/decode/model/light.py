@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -29,9 +29,9 @@ class Window:
     light: Singles  # (rows, columns), 0..1
     first: tuple[float, float]  # x, y of the first one's centre in the picture
     shrink: int  # pixels of the picture, along a side
-    dark: float  # levels of what is dark there, and of the square's own light
-    bright: float
-    dimmed: float  # level of what is dark within the square, as in bands
+    dark: float = 0.0  # levels of what is dark there, and of the square's own light
+    bright: float = 1.0
+    dimmed: float = 0.0  # level of what is dark within the square, as in bands
 
     @classmethod
     def crop(cls, frame: Frame, corners_px: Floats, reach: float, fewest_px: float = FEWEST_PX) -> Window | None:
@@ -39,12 +39,27 @@ class Window:
 
         `fewest_px`: of its side, how many are left where it is averaged down.
         """
+        side_px = min(quad_side(corners_px.tolist()), max(frame.pixels.shape))
+        window = cls.cut(frame, corners_px, reach, max(1, int(side_px // fewest_px)))
+        if window is None:
+            return None
+        light = window.light
+        inside = np.zeros(light.shape, np.uint8)
+        cv2.fillConvexPoly(inside, np.round((corners_px - window.first) / window.shrink).astype(np.int32), 1)
+        own = light[inside > 0]
+        if not len(own):
+            return None
+        dark, bright = _quantile(light[::2, ::2].reshape(-1), DARK), _quantile(own, BRIGHT)
+        dimmed = _quantile(own[:: max(1, len(own) // ENOUGH)], DARK)
+        return replace(window, dark=dark, bright=bright, dimmed=dimmed) if bright > dark else None
+
+    @classmethod
+    def cut(cls, frame: Frame, corners_px: Floats, reach: float, shrink: int) -> Window | None:
+        """The same averaged down by so many pixels, its levels those of no light and full light."""
         height, width = frame.pixels.shape
         if not np.abs(corners_px).max() < FARTHEST * max(height, width):
             return None
-        side_px = quad_side(corners_px.tolist())
-        shrink = max(1, int(min(side_px, max(height, width)) // fewest_px))
-        reach_px = reach * side_px + 3.0
+        reach_px = reach * quad_side(corners_px.tolist()) + 3.0
         (left, top), (right, bottom) = corners_px.min(axis=0) - reach_px, corners_px.max(axis=0) + reach_px
         x, y = max(0, int(left)), max(0, int(top))
         columns = (min(width, int(right) + 2) - x) // shrink
@@ -55,15 +70,7 @@ class Window:
         light = cv2.LUT(patch, linear_light(frame.transfer, mark_saturated=False))
         if shrink > 1:
             light = cv2.resize(light, (columns, rows), interpolation=cv2.INTER_AREA)
-        first = (x + (shrink - 1) / 2, y + (shrink - 1) / 2)
-        inside = np.zeros(light.shape, np.uint8)
-        cv2.fillConvexPoly(inside, np.round((corners_px - first) / shrink).astype(np.int32), 1)
-        own = light[inside > 0]
-        if not len(own):
-            return None
-        dark, bright = _quantile(light[::2, ::2].reshape(-1), DARK), _quantile(own, BRIGHT)
-        dimmed = _quantile(own[:: max(1, len(own) // ENOUGH)], DARK)
-        return cls(light, first, shrink, dark, bright, dimmed) if bright > dark else None
+        return cls(light, (x + (shrink - 1) / 2, y + (shrink - 1) / 2), shrink)
 
 
 def _quantile(light: Singles, share: float) -> float:

@@ -12,8 +12,8 @@ import numpy as np
 
 from ledpi.core.records import Floats, read_only
 
-# Where in the unknowns; as kernels/panel.h has them. The first eight are the homography's.
-BLUR, GAP, RIM, SHAPE, PHASE, BESIDE, DARK, ASIDE = 8, 9, 10, 14, 27, 29, 33, 34
+# Where in the unknowns; as kernels/panel.h has them. The first, WAYS, are the homography's.
+WAYS, BLUR, GAP, RIM, SHAPE, PHASE, BESIDE, DARK, ASIDE = 8, 8, 9, 10, 14, 27, 29, 33, 34
 DEPTH, GLOW, SMEAR, COMMON, OWN = 36, 37, 38, 39, 3
 
 BLUR_PX, BLUR_SPREAD = 0.8, 0.4  # of lens, pixel and interpolation; its logarithm's deviation
