@@ -22,6 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import cv2
 
+from benchmarks.endurance import bridges
 from benchmarks.speed import arm
 from benchmarks.speed import panels as contests
 from ledpi.config.settings import load_config
@@ -67,6 +68,15 @@ Counted on emulated 64-bit ARM and on x86-64, with panels as above (`python -m b
 *Searching*: no panel is in view. *First ID*: all frames of a stream until then. *Following*: the mean of six frames of
 a stream, the whole picture searched in every third. [Which Pi, how fast](raspberry-pi.md#which-pi-how-fast) says what
 that makes of a Raspberry Pi."""
+
+
+BRIDGES = """\
+Replayed taps at 60 frames a second through [bridges](outputs.md), all on one machine; half-way the far end is killed,
+and started again 5 s later (`python -m benchmarks.endurance bridges --renew`). *mqtt*: a bridge of each tap into one
+mosquitto, and a subscriber; *nt*: one into an ntcore server. *Late*: from when the tap had a frame until it arrived,
+in the median, and in 99 of 100. *Back*: from the far end's start to the next frame. *Old*: older than 0.3 s after
+that. *Memory*: what the bridge that gained most had more at the end. *Load*: processes that would run, on how many
+processors."""
 
 
 def rows_of(suite: Suite, frames: int, methods: tuple[Method, ...], out: Path, workers: int) -> list[TableRow]:
@@ -202,7 +212,8 @@ def page(command: str, wild: Sequence[TableRow], decoys: Sequence[TableRow], spe
     parts += ["Medians of what was read: corners (rms of the four), position (of the distance), angle."]
     parts += [errors_table(wild)]
     parts += ["False IDs of ledpi:", false_ids(wild), "## Decoys: nothing may be read", DECOYS, decoys_table(decoys)]
-    parts += ["False IDs:", false_ids(decoys), "## How fast", f"{SPEED} Processor: {processor()}.", speed]
+    parts += ["False IDs:", false_ids(decoys), "## Bridges", BRIDGES, bridges.figures_table(bridges.kept())]
+    parts += ["## How fast", f"{SPEED} Processor: {processor()}.", speed]
     parts += [INSTRUCTIONS, arm.counts_table(arm.kept())]
     return "\n\n".join(parts) + "\n"
 

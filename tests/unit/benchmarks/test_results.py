@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks import results
+from benchmarks import ROOT, results
+from benchmarks.endurance import bridges
 from benchmarks.speed import arm
 from benchmarks.speed import panels as contests
 from ledpi.tools.evaluate.scoring import Tally
@@ -78,3 +79,11 @@ def test_panels_of_the_contest_exist(count: int) -> None:
     shown = [panel.marker_id for panel in contests.scene_of(count).panels]
     assert len(set(shown)) == count
     assert set(shown) <= contests.SETTINGS.existing_ids()
+
+
+def test_the_page_has_the_bridges_figures_as_they_were_kept() -> None:
+    """Both kinds of far end, for ten minutes."""
+    figures = bridges.kept()
+    assert [(one.kind, one.minutes) for one in figures] == [("mqtt", 10.0), ("nt", 10.0)]
+    assert bridges.figures_table(figures) in (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    assert results.BRIDGES in (ROOT / "docs/results.md").read_text(encoding="utf-8")
