@@ -99,12 +99,15 @@ def test_the_right_ids_are_sent_and_no_others(drive: Run) -> None:
 
 @alone
 def test_poses_are_of_this_scene(drive: Run) -> None:
-    """Between 0.5 and 3 m ahead, nearer to the line of sight than to the side; quaternions of length 1."""
+    """Between 0.5 and 3 m ahead, nearer to the line of sight than to the side; quaternions of length 1.
+
+    A mirror pose, which is told beside the other while it is not excluded, may be farther, and says how sure it is.
+    """
     for marker in drive.controller.markers:
         assert marker.pose is not None
         assert not marker.uncalibrated
         x, y, z = marker.pose.position_m
-        assert 0.5 < z < 3.0
+        assert 0.5 < z < 3.0 or marker.alternate
         assert max(abs(x), abs(y)) < 0.5 * z
         assert np.linalg.norm(marker.pose.quaternion_wxyz) == pytest.approx(1.0, abs=1e-3)
 
