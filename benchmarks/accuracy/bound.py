@@ -28,14 +28,15 @@ import yaml
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.core.errors import LedpiError
-from ledpi.core.records import Quad, Rejected
-from ledpi.decode.cells import sample_cells
+from ledpi.core.records import Rejected
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import decision, hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
+from ledpi.decode.locate import Locator
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.reader import find_recordings, load_recording
 from ledpi.simulate.sensor import sensor_info
@@ -78,14 +79,15 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
     true = take.scene.panels[0].marker_id
     (own,) = np.flatnonzero((book.ids == true) & (book.quarter_turns == 0))  # true corners begin at the word's own
     told = read_with_oracle(views, sensor.intrinsics, panels.dictionary, spec)
-    memory = PanelMemory(book.spec)
+    memory, weigher = PanelMemory(book.spec), LightWeigher(4, sensor.intrinsics)
+    locator = Locator(4, (spec,), sensor.intrinsics, must_blink=False)
     for (frame, corners_px), marker_id in zip(views, told, strict=True):
         found = {"ledpi": any(each.id == true for each in reader.read(frame).found), "true corners": marker_id == true}
-        quad = Quad(corners_px=corners_px)
-        samples = sample_cells(frame, quad, 4, sensor.intrinsics, memory.lattice)
-        if not isinstance(samples, Rejected):
-            memory, _ = memory.add_frame(samples, frame)
-            if isinstance(evidence := memory.evidence(), Evidence):
+        quad = locator.localise(frame, corners_px)
+        seen = quad if isinstance(quad, Rejected) else locator.observe(frame, quad)
+        if not isinstance(seen, Rejected):
+            memory, _ = memory.add_frame(seen, weigher)
+            if isinstance(evidence := memory.evidence(weigher), Evidence):
                 found["and bands"] = oracle_bands(evidence, book, int(own), decision.FALSE_ID_RATE)
         yield found
 

@@ -91,7 +91,7 @@ class Follower:
         spec = picture.spec
         found = self._fitter.solver.follow(
             picture.picture,
-            **self._fitter.view(frame, window),
+            **self._fitter.view(window),
             cells=math.isqrt(len(picture.shares)),
             cycles_a_row=tuple(hz * frame.row_time_us * 1e-6 for hz in (spec.black_hz, spec.white_hz)),
             corners=corners_px.reshape(-1).tolist(),

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from ledpi.core.records import Frame, PanelSpec
-from ledpi.decode.cells import CellSamples
+from ledpi.core.records import PanelSpec
 from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.evidence.prediction import Prediction
 from ledpi.decode.identify.decision import Reading
-from ledpi.decode.identify.frequency_search import Observation, Proposal
+from ledpi.decode.identify.frequency_search import Proposal
+from ledpi.decode.observation import Observation
 
 SEARCH_FRAMES = 12  # that are kept to find a panel's frequencies from
 
@@ -25,15 +25,6 @@ class Identity(NamedTuple):
 
     group: int  # which pair of frequencies, of those that panels may have
     reading: Reading
-    prediction: Prediction | None = None  # of the frames to come, once it is made
-
-    def matches(self, samples: CellSamples, frame: Frame) -> bool:
-        """Whether a frame clearly shows the same."""
-        return self.prediction is not None and self.prediction.matches(samples, frame)
-
-    def is_contradicted_by(self, samples: CellSamples, frame: Frame) -> bool:
-        """Whether a frame is more likely to show something else."""
-        return self.prediction is not None and self.prediction.is_contradicted_by(samples, frame)
 
 
 class FrequencySearch(NamedTuple):
@@ -49,9 +40,9 @@ class FrequencySearch(NamedTuple):
         """Whether the frequencies were estimated from few frames: not exact enough to add up many more."""
         return self.found is not None and self.found_from < SEARCH_FRAMES
 
-    def add_frame(self, samples: CellSamples, frame: Frame) -> FrequencySearch:
+    def add_frame(self, seen: Observation) -> FrequencySearch:
         """With one more frame."""
-        observations = (*self.observations[1 - SEARCH_FRAMES :], Observation(samples=samples, frame=frame))
+        observations = (*self.observations[1 - SEARCH_FRAMES :], seen)
         return self._replace(observations=observations, frames_since_try=self.frames_since_try + 1)
 
     def mark_failed(self) -> FrequencySearch:
@@ -69,8 +60,7 @@ class History(NamedTuple):
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
     last: Identity | None = None  # what they were read as
     uninformative: int = 0  # frames since then that added nothing, and are not in the memories
-    matched: int = 0  # frames since then that were as expected
-    confirmed: int = 0  # all frames that were as expected, and are not in the memories
+    matched: int = 0  # frames since it was read last that clearly showed the same
     search: FrequencySearch = FrequencySearch()
 
     @classmethod
@@ -86,28 +76,22 @@ class History(NamedTuple):
     @property
     def frames(self) -> int:
         """The number of frames that showed the panel."""
-        return self.memories[0].frames + self.confirmed
+        return self.memories[0].frames
 
-    def confirm(self) -> History:
-        """One more frame matches the prediction; it does not enter the memories."""
-        return self._replace(matched=self.matched + 1, confirmed=self.confirmed + 1)
-
-    def unconfirm(self) -> History:
-        """The newest frame, which matched, is to enter the memories after all."""
-        return self._replace(confirmed=self.confirmed - 1)
-
-    def expect(self, identity: Identity, prediction: Prediction) -> History:
-        """With the prediction that follows from `identity`."""
-        return self._replace(last=identity._replace(prediction=prediction))
-
-    def add_frame(self, samples: CellSamples, frame: Frame, *, searched: bool) -> tuple[History, list[Evidence | None]]:
+    def add_frame(
+        self, seen: Observation, weigher: LightWeigher, *, searched: bool
+    ) -> tuple[History, list[Evidence | None]]:
         """With one more frame in the memories, and what it adds to each. The caller then decides on the identity.
 
         `searched`: frequencies are searched for, so the frame itself is kept, too.
         """
-        further, added = zip(*(memory.add_frame(samples, frame) for memory in self.memories), strict=True)
-        search = self.search.add_frame(samples, frame) if searched else self.search
+        further, added = zip(*(memory.add_frame(seen, weigher) for memory in self.memories), strict=True)
+        search = self.search.add_frame(seen) if searched else self.search
         return self._replace(memories=further, search=search), list(added)
+
+    def confirm(self) -> History:
+        """The newest frame clearly shows the same: it is not read again."""
+        return self._replace(matched=self.matched + 1)
 
     def identify_as(self, identity: Identity) -> History:
         """The memories show this panel."""
@@ -123,13 +107,13 @@ class History(NamedTuple):
 
     def keep_newest(self) -> History:
         """Only the newest frame: those before it do not add up, or showed something else at the same frequencies."""
-        memories = tuple(PanelMemory(memory.spec).add_frame(*memory.newest)[0] for memory in self.memories)
+        memories = tuple(PanelMemory(memory.spec).begin(memory.newest) for memory in self.memories)
         return History(memories=memories, search=self.search)
 
     def begin_again(self, specs: Iterable[PanelSpec]) -> History:
         """Only the newest frame, and nothing of the frequencies that were found: it shows another panel."""
         newest = self.memories[0].newest
-        memories = tuple(PanelMemory(spec).add_frame(*newest)[0] for spec in specs)
+        memories = tuple(PanelMemory(spec).begin(newest) for spec in specs)
         kept = self.search.observations[-1:]
         return History(memories=memories, search=FrequencySearch(observations=kept, frames_since_try=len(kept)))
 

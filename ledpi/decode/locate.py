@@ -8,8 +8,7 @@ import numpy as np
 
 from ledpi.core.geometry import box, corners_apart, project_to_quad, quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
-from ledpi.decode.cells import MIN_CELL_PX
-from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.cells import MIN_CELL_PX, Lattice, sample_cells
 from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, dimmest
 from ledpi.decode.finding.glance import template
 from ledpi.decode.finding.pyramid import Pyramid
@@ -18,12 +17,16 @@ from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, 
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
 from ledpi.decode.model.sides import side_covariance
+from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import DEEP
 from ledpi.kernels.find import Glancer
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
 NO_LIGHT = Rejected(stage="fit", reason="no_light")
 
+# Of a cell that is looked at for bands: one is averaged down to this, or up to twice as much, so that its samples are
+# about as far apart as pixels are.
+FEWEST_CELL_PX = 12.0
 REACH = 0.1  # of the side: how far off a proposal may be
 # Of the light's squares: the first fit, from corners that are off, must explain more than it leaves; of what a panel's
 # fit leaves in the end the deviation is less than a third of the light's own.
@@ -50,6 +53,7 @@ class Locator:
         self._cells, self._specs = cells, specs
         self._fitter = Fitter(cells, intrinsics)
         self.follower = Follower(self._fitter)
+        self._intrinsics = intrinsics
         self._glancer = Glancer(cells, cells * MIN_CELL_PX, template(cells))
 
     @property
@@ -153,12 +157,25 @@ class Locator:
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
         return self._quad(fit if known[RIM:SHAPE].max() > LEAST_HIDDEN else self._best_placed(frame, fit))
 
-    def evidence(self, frame: Frame, quad: Quad, spec: PanelSpec) -> Evidence | None:
-        """The evidence on the bands of a panel that was fitted here; None where there is none, or bands are deep."""
-        if quad.lattice_px is None or quad.unknown is None or band_depth(frame, (spec,)) > FAINT_DEPTH:
-            return None
-        window = Window.crop(frame, quad.lattice_px, REACH)
-        return None if window is None else self._fitter.evidence(frame, window, quad.lattice_px, quad.unknown, spec)
+    def observe(
+        self, frame: Frame, quad: Quad, *, sampled: bool = True, like: Lattice | None = None
+    ) -> Observation | Rejected:
+        """A panel that was fitted here, as this frame shows it. `sampled`: its cells, too, where bands are faint.
+
+        These on the lattice `like`, where the panel's size still suits it.
+        """
+        assert quad.lattice_px is not None, "it was fitted"
+        assert quad.unknown is not None
+        window = Window.crop(frame, quad.lattice_px, REACH, self._cells * FEWEST_CELL_PX)
+        if window is None:
+            return NO_LIGHT
+        samples = None
+        if sampled or band_depth(frame, self._specs) > FAINT_DEPTH:
+            found = sample_cells(frame, quad, self._cells, self._intrinsics, like)
+            if isinstance(found, Rejected):
+                return found
+            samples = found
+        return Observation(frame.drop_picture(), window, quad.lattice_px, quad.unknown, samples)
 
     def _fitted(
         self,

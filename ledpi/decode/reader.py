@@ -7,23 +7,28 @@ all frames together show? And if none: do they show one at other frequencies tha
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
-from ledpi.core.records import Frame, PanelSpec, Rejected
-from ledpi.decode.cells import CellSamples
+from ledpi.core.records import PanelSpec, Rejected
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.evidence.prediction import UNLIKE, Prediction
-from ledpi.decode.evidence.waves import band_prior, is_deep
+from ledpi.decode.evidence.waves import band_prior, is_deep, is_faint
 from ledpi.decode.history import History, Identity
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.decision import Reading
-from ledpi.decode.identify.frequency_search import CHOICES, Observation, propose_frequencies
-from ledpi.decode.identify.innovation_gate import confirms, contradicts, expected_log_likelihood_ratio
+from ledpi.decode.identify.frequency_search import CHOICES, propose_frequencies
+from ledpi.decode.identify.innovation_gate import (
+    confirms,
+    contradicts,
+    expected_log_likelihood_ratio,
+    prefers_others,
+)
+from ledpi.decode.observation import Observation
 
 # Frames that match the prediction are not read again, but for one of eight: by then a panel may look a little
 # different, and the margin has grown.
@@ -40,24 +45,18 @@ ADDS_UP_FRAMES = 4
 # contradicts the prediction: that detects another panel's codeword at once. (It is less reliable if a part of the panel
 # is occluded.) Below the share UNLIKE it must confirm the identity by itself: it differs so much from earlier frames
 # that their residual is no measure of noise. (Or it has the very same phases.)
-TYPICAL_SHARE = 0.5
+TYPICAL_SHARE, UNLIKE = 0.5, 0.25
 INNOVATION = Rejected(stage="track", reason="innovation")
 
 # No further frame can change these: this is no panel, or not at this place.
 NOT_THIS_PANEL = (decision.INCONSISTENT, decision.IMPLAUSIBLE)
 
 
-EvidenceByFit: TypeAlias = Callable[[PanelSpec], Evidence | None]
-
-
-def no_evidence(spec: PanelSpec) -> None:
-    """Nothing, of a frame whose fit is not known."""
-
-
 class Added(NamedTuple):
     """A history with one more frame."""
 
     history: History
+    matches: bool = False  # the frame clearly shows what was read
     contradicted: bool = False  # the frame shows something else: the earlier frames are forgotten
     gated: bool = False  # the frame fails the innovation gate
 
@@ -71,51 +70,33 @@ class Outcome(NamedTuple):
 
 
 class Reader:
-    """Reads the panels of some pairs of frequencies. It has no state: what is known of a panel is in its history.
-
-    Of a `frame` only its times are used. Histories keep it, so pass it without its picture.
-    """
+    """Reads the panels of some pairs of frequencies. It has no state: what is known of a panel is in its history."""
 
     def __init__(
-        self, codebooks: Sequence[Codebook], false_id_rate: float, *, search_frequencies: bool = False
+        self,
+        codebooks: Sequence[Codebook],
+        weigher: LightWeigher,
+        false_id_rate: float,
+        *,
+        search_frequencies: bool = False,
     ) -> None:
         self._codebooks = tuple(codebooks)
+        self._weigher = weigher
         self._specs = tuple(book.spec for book in codebooks)
         self._false_id_rate = false_id_rate
         self._search_frequencies = search_frequencies
 
-    def read(
-        self, history: History, samples: CellSamples, frame: Frame, by_fit: EvidenceByFit = no_evidence
-    ) -> Outcome:
-        """The codeword after this frame, or the reason why there is none.
+    def read(self, before: History, seen: Observation) -> Outcome:
+        """The codeword after this frame, or the reason why there is none."""
+        added = self._add_frame(before, seen)
+        identity = before.identity
+        if identity is None or not added.matches or before.search.settling or before.matched >= READ_EVERY:
+            return self._read_all_frames(before, added)
+        return Outcome(history=added.history.confirm(), identity=identity, contradicted=False)
 
-        `by_fit`: the evidence of this frame's fit, at given frequencies; None where it has none. It is asked only where
-        the frame is read alone.
-        """
-        identity = history.identity
-        if identity is None or history.search.settling or not identity.matches(samples, frame):
-            return self._read_all_frames(history, samples, frame, by_fit)
-        return Outcome(history=history.confirm(), identity=identity, contradicted=False)
-
-    def prepare_next(self, history: History, samples: CellSamples, frame: Frame) -> History:
-        """Work for the frames to come, done once this frame, with its `samples`, has given its results.
-
-        After a run of frames that matched the prediction, the panel is read again; and the next prediction is made.
-        """
-        if history.identity is not None and history.matched >= READ_EVERY:
-            history = self._read_all_frames(history.unconfirm(), samples, frame).history
-        identity = history.identity
-        if identity is None or identity.prediction is not None:
-            return history
-        memory = history.memories[identity.group]
-        prediction = Prediction.from_memory(memory, identity.reading.cell_bands, _typical_nats(memory, identity))
-        return history.expect(identity, prediction)
-
-    def _read_all_frames(
-        self, before: History, samples: CellSamples, frame: Frame, by_fit: EvidenceByFit = no_evidence
-    ) -> Outcome:
-        now, contradicted, gated = self._add_frame(before, samples, frame)
-        identity = INNOVATION if gated else self._decide(now, self._false_id_rate, by_fit)
+    def _read_all_frames(self, before: History, added: Added) -> Outcome:
+        now, _, contradicted, gated = added
+        identity = INNOVATION if gated else self._decide(now, self._false_id_rate)
         if (
             isinstance(identity, Rejected)
             and not contradicted
@@ -123,7 +104,7 @@ class Reader:
         ):
             # Together they tell nothing any more; where phases run other than expected, each frame still may by itself.
             only = now.keep_newest()
-            alone = self._decide(only, self._false_id_rate, by_fit)
+            alone = self._decide(only, self._false_id_rate)
             if isinstance(alone, Identity):
                 now, identity = only, alone
                 if before.last is not None and not _is_same(alone, before.last):
@@ -148,9 +129,9 @@ class Reader:
             now = now.clear_identity() if before.last is None or contradicted else _drop_newest(before, now)
         return Outcome(history=now, identity=identity, contradicted=contradicted)
 
-    def _add_frame(self, before: History, samples: CellSamples, frame: Frame) -> Added:
-        """The history with one more frame, and whether that frame passes the innovation gate."""
-        now, added = before.add_frame(samples, frame, searched=self._search_frequencies)
+    def _add_frame(self, before: History, seen: Observation) -> Added:
+        """The history with one more frame, and what that frame says of the identity so far."""
+        now, added = before.add_frame(seen, self._weigher, searched=self._search_frequencies)
         last = before.last
         if last is None:
             return Added(now)
@@ -160,14 +141,16 @@ class Reader:
                 # They did add up: what is there now is something else, at any frequencies.
                 return Added(now.begin_again(self._specs), contradicted=True)
             return Added(now.keep_newest(), contradicted=True)
+        memory = now.memories[last.group]
         like = (
             0.0
             if newest is None
             else expected_log_likelihood_ratio(newest, identity) / _typical_nats(before.memories[last.group], last)
         )
-        if like > TYPICAL_SHARE and not last.is_contradicted_by(samples, frame):
-            return Added(now)
-        alone = now.memories[last.group].newest_evidence()
+        if like > TYPICAL_SHARE and not prefers_others(newest, identity):
+            is_decided_alone = is_deep(band_prior(seen.frame, memory.spec))
+            return Added(now, matches=not is_decided_alone and confirms(newest, identity))
+        alone = memory.newest_evidence(self._weigher)
         return Added(now, gated=not confirms(alone, identity) if like < UNLIKE else contradicts(alone, identity))
 
     def _confirm_last(self, now: History, last: Identity) -> Identity | None:
@@ -177,44 +160,43 @@ class Reader:
             return None
         return kept if _is_same(kept, last) else None
 
-    def _decide(self, history: History, rate: float, by_fit: EvidenceByFit = no_evidence) -> Identity | Rejected:
+    def _decide(self, history: History, rate: float) -> Identity | Rejected:
         if history.search.found is not None:
             rate /= CHOICES  # as frequencies that were chosen to fit leave chance more ways to look like a codeword
-        readings = [self._read_memory(memory, group, rate, by_fit) for group, memory in enumerate(history.memories)]
+        readings = [self._read_memory(memory, group, rate) for group, memory in enumerate(history.memories)]
         reading = decision.select_best(readings, rate)
         if isinstance(reading, Rejected):
             return reading
         ids = [r.id if isinstance(r, Reading) else None for r in readings]
         return Identity(group=ids.index(reading.id), reading=reading)
 
-    def _read_memory(
-        self, memory: PanelMemory, group: int, rate: float, by_fit: EvidenceByFit = no_evidence
-    ) -> Reading | Rejected:
+    def _read_memory(self, memory: PanelMemory, group: int, rate: float) -> Reading | Rejected:
         book = self._codebooks[group]
         book = book if memory.spec is book.spec else replace(book, spec=memory.spec)
-        alone = self._read_newest(memory, book, rate, by_fit)
+        alone = self._read_newest(memory, book, rate)
         if alone is not None:
             return alone
-        evidence = memory.evidence()
+        evidence = memory.evidence(self._weigher)
         if isinstance(evidence, Rejected):
             return evidence
         return decision.decide(evidence, book, rate)
 
-    def _read_newest(
-        self, memory: PanelMemory, book: Codebook, rate: float, by_fit: EvidenceByFit
-    ) -> Reading | Rejected | None:
+    def _read_newest(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
         """The reading of the newest frame alone; None if all frames together must decide.
 
         A single frame of deep bands is decisive: it has a codeword, or it shows that something is wrong.
         """
-        samples, frame = memory.newest
+        seen = memory.newest
         if memory.frames == 1:
-            evidence = by_fit(book.spec)
+            is_sought = is_faint(band_prior(seen.frame, book.spec))
+            evidence = self._weigher.alone(seen, book.spec) if is_sought else None
             reading = UNFIT if evidence is None else decision.decide(evidence, book, rate)
-            return reading if isinstance(reading, Reading) else decision.read_codeword(samples, frame, book, rate)
-        if not is_deep(band_prior(frame, book.spec)):
+            if isinstance(reading, Reading) or seen.samples is None:
+                return reading
+            return decision.read_codeword(seen.samples, seen.frame, book, rate)
+        if seen.samples is None or not is_deep(band_prior(seen.frame, book.spec)):
             return None
-        reading = decision.read_codeword(samples, frame, book, rate)
+        reading = decision.read_codeword(seen.samples, seen.frame, book, rate)
         if isinstance(reading, Reading):
             return reading._replace(cell_bands=memory.count_from_origin(reading.cell_bands))
         return reading if reading in NOT_THIS_PANEL else None
@@ -229,15 +211,30 @@ class Reader:
             proposal = propose_frequencies(observations, book.spec, book)
             if proposal is None:
                 continue
-            memory, added = _replay(observations, proposal.spec)
+            memory, added = self._replay(observations, proposal.spec)
             reading = self._read_memory(memory, group, self._false_id_rate / CHOICES)
             if isinstance(reading, Rejected) or contradicts(added, reading.cell_bands):
                 continue
-            if gated and not confirms(memory.newest_evidence(), reading.cell_bands):
+            if gated and not confirms(memory.newest_evidence(self._weigher), reading.cell_bands):
                 continue
-            if reading.likelihood > _announced_likelihood(observations, book):
+            if reading.likelihood > self._announced_likelihood(observations, book):
                 return history.retune(proposal, group, memory)
         return None
+
+    def _replay(self, observations: Sequence[Observation], spec: PanelSpec) -> tuple[PanelMemory, Evidence | None]:
+        """The memory of these frames at these frequencies, and what the last of them has added."""
+        memory, added = PanelMemory(spec), None
+        for seen in observations:
+            memory, added = memory.add_frame(seen, self._weigher)
+        return memory, added
+
+    def _announced_likelihood(self, observations: Sequence[Observation], book: Codebook) -> float:
+        """Log-likelihood ratio to "no bands" of the best codeword at the configured frequencies, accepted or not.
+
+        If these explain more than others do, the panel shows no codeword, and other frequencies only fit by chance.
+        """
+        evidence = self._replay(observations, book.spec)[0].evidence(self._weigher)
+        return rank_codewords(evidence, book.white).likelihood[0] if isinstance(evidence, Evidence) else -math.inf
 
 
 def _is_same(one: Identity, other: Identity) -> bool:
@@ -262,20 +259,3 @@ def _drop_newest(before: History, now: History) -> History:
 def _is_newest_tried_alone(history: History) -> bool:
     """Whether the newest frame is also read alone: while there are few, and now and then, as old ones may be wrong."""
     return history.frames > 1 and (history.frames <= TUNE_EVERY or history.frames % READ_EVERY == 0)
-
-
-def _replay(observations: Sequence[Observation], spec: PanelSpec) -> tuple[PanelMemory, Evidence | None]:
-    """The memory of these frames at these frequencies, and what the last of them has added."""
-    memory, added = PanelMemory(spec), None
-    for each in observations:
-        memory, added = memory.add_frame(each.samples, each.frame)
-    return memory, added
-
-
-def _announced_likelihood(observations: Sequence[Observation], book: Codebook) -> float:
-    """Log-likelihood ratio to "no bands" of the best codeword at the configured frequencies, accepted or not.
-
-    If these explain more than others do, the panel shows no codeword, and other frequencies only fit by chance.
-    """
-    evidence = _replay(observations, book.spec)[0].evidence()
-    return rank_codewords(evidence, book.white).likelihood[0] if isinstance(evidence, Evidence) else -math.inf

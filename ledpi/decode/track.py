@@ -12,6 +12,7 @@ from ledpi.core.geometry import corners_apart, quad_middle, quad_side
 from ledpi.core.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
 from ledpi.decode.history import History
 from ledpi.decode.model.picture import PanelPicture
+from ledpi.decode.model.prior import turned_unknown
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
 
@@ -44,7 +45,7 @@ class TrackState(NamedTuple):
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
     velocity_covariance: Floats | None  # (8, 8) px²/s²
     seen_ns: int  # row 0's read-out of the frame
-    unknown: Floats | None  # what its picture was fitted with, if in this order of corners
+    unknown: Floats | None  # what its picture was fitted with
     residual: float  # that its fit left
 
     @classmethod
@@ -234,6 +235,7 @@ def _align_corners(quad: Quad, before_px: Floats) -> Quad:
     corners_px, covariance = np.roll(quad.corners_px, -turns, axis=0), quad.covariance_px2
     if covariance is not None:
         covariance = np.roll(covariance, (-2 * turns, -2 * turns), axis=(0, 1))
+    unknown = None if quad.unknown is None else turned_unknown(quad.unknown, turns)
     return replace(
-        quad, corners_px=corners_px, covariance_px2=covariance, lattice_px=lattice, hidden=hidden, unknown=None
+        quad, corners_px=corners_px, covariance_px2=covariance, lattice_px=lattice, hidden=hidden, unknown=unknown
     )

@@ -18,29 +18,13 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
                        const double *corners, const double *lens, ptrdiff_t cells, ptrdiff_t k, const float *along,
                        const float *kernel, ptrdiff_t steps, float *light, float *picture_rows, double *least);
 
-/* ---- Evidence (single_frame.c, comparison.c, prediction.c) */
+/* ---- Evidence (single_frame.c) */
 
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
                            const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,
                            const int64_t *first, const int64_t *met, const float *shown, const float *of_class,
                            const uint8_t *white, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
                            double *score, double *information, double *numbers);
-
-bool ledpi_compared_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
-                             const float *new_waves, const float *picture, const float *counts, const float *mean_waves,
-                             const float *along, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
-                             double *score, double *information, double *numbers);
-
-enum { LEDPI_NUISANCES = 9 }; /* in which a panel's gain and corners may be wrong */
-
-void ledpi_predict(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, const float *picture, const float *count,
-                       const float *mean_waves, const float *along, const double *bands, float *root, float *basis,
-                       float *residual_bands, float *room);
-
-void ledpi_weigh_prediction(ptrdiff_t cells, ptrdiff_t points, const float *picture, const float *root,
-                    const float *basis, const float *residual_bands, const float *depth, const double *hz, const double *phase,
-                    double since_s, double row_time_s, const float *light, const uint8_t *valid, const float *rows,
-                    double independence, double ridge, float *room, double *of);
 
 /* ---- Codewords and other patterns (codewords.c, neighbours.c, hill_climb.c) */
 
@@ -175,19 +159,25 @@ typedef struct {
 } PanelFit;
 
 enum { LEDPI_DIVERGED, LEDPI_FITTED, LEDPI_WITHOUT_BANDS, LEDPI_MISFIT, LEDPI_UNCERTAIN };
-enum { LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160 };
+enum { LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160, LEDPI_MOST_EACH = 12 };
 
 int ledpi_fit_panel(PanelFit *fit, uint8_t *room);
 ptrdiff_t ledpi_panel_room(void);
 
 /* The evidence on the bands of a panel that `fit` has fitted, on a grid of equal steps within it, `step_px` of `light` across
- * and down; of as many waves as tell the classes apart. `turn`: of each wave cosine and sine of its fundamental's phase in row
- * 0, over its amplitude. Out come score (cells², 2·waves), information (cells², 2·waves)² over the variance of what is left;
- * by how much that was inflated for noise that is alike; and how many samples were free. */
+ * and down; of as many waves as tell the classes apart. `cycles_before`: of each wave, from the moment that its phase is
+ * counted from to row 0. With a mean of frames on the same grid (light, how many tell it, the waves' cosine and sine;
+ * else NULL) it is that of the mean, or, where `compared`, of how this frame differs from it. Out come the frame's own light
+ * (over the panel's, shifted where it is compared), whether it tells, and waves; score (cells², 2·waves), information
+ * (cells², 2·waves)² over the variance of what is left; by how much noise that is alike inflates that; and how many samples
+ * were free. */
 typedef struct {
     PanelFit fit;
     ptrdiff_t waves;
-    double turn[2][2], step_px[2];
+    double cycles_before[2], step_px[2];
+    const float *mean_light, *mean_count, *mean_wave;
+    bool compared;
+    float *light, *tells, *wave;
     double *score, *information, inflation, freedom;
 } PanelEvidence;
 

@@ -27,6 +27,7 @@ typedef struct {
     ptrdiff_t rows, columns;
     double first_x, first_y, shrink, saturated, focal[2], centre[2];
     const Lens *lens; /* NULL: there is none */
+    bool cubic; /* light between pixels is interpolated by cubics, not by straight lines */
 } View;
 
 typedef struct {

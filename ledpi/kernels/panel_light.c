@@ -137,16 +137,48 @@ static LEDPI_INLINE void put_places(const View *view, const float *h, Eight u, f
     *x = (*x - (float)view->first_x) * size, *y = (*y - (float)view->first_y) * size;
 }
 
+/* Of four pixels in a row what Catmull and Rom's cubic gives each, `at` from the second to the third. It follows what a lens
+ * shows of a wall where straight lines are off by more than bands are deep, and blurs it alike between pixels. */
+static LEDPI_INLINE void put_taps(float at, float tap[4]) {
+    tap[0] = ((-0.5f * at + 1.0f) * at - 0.5f) * at, tap[1] = (1.5f * at - 2.5f) * at * at + 1.0f;
+    tap[2] = ((-1.5f * at + 2.0f) * at + 0.5f) * at, tap[3] = (0.5f * at - 0.5f) * at * at;
+}
+
+/* The light at (x, y) by cubics, and the most of any pixel that it is made of; at the view's end its last pixel goes on. */
+static LEDPI_INLINE float cubic_light(const View *view, float x, float y, float *most) {
+    float right, down, across[4], below[4], light = 0.0f;
+    ptrdiff_t columns[4], first = ledpi_interpolation_pixel(x, view->columns, &right);
+    const ptrdiff_t row = ledpi_interpolation_pixel(y, view->rows, &down);
+    put_taps(right, across), put_taps(down, below);
+    columns[0] = first > 0 ? first - 1 : 0, columns[1] = first, columns[2] = first + 1;
+    columns[3] = first + 2 < view->columns ? first + 2 : first + 1;
+    *most = 0.0f;
+    for (ptrdiff_t j = 0; j < 4; j++) {
+        const ptrdiff_t at = row + j - 1, within = at < 0 ? 0 : at < view->rows ? at : view->rows - 1;
+        const float *const line = view->light + within * view->columns;
+        float sum = 0.0f;
+        for (int i = 0; i < 4; i++) sum += across[i] * line[columns[i]], *most = fmaxf(*most, line[columns[i]]);
+        light += below[j] * sum;
+    }
+    return light;
+}
+
+/* The same by straight lines, of four pixels instead of sixteen. */
+static LEDPI_INLINE float linear_light(const View *view, float x, float y, float *most) {
+    float right, down;
+    const ptrdiff_t column = ledpi_interpolation_pixel(x, view->columns, &right);
+    const float *above = view->light + ledpi_interpolation_pixel(y, view->rows, &down) * view->columns + column;
+    const float *below = above + view->columns;
+    const float upper = above[0] + right * (above[1] - above[0]), lower = below[0] + right * (below[1] - below[0]);
+    return *most = upper + down * (lower - upper);
+}
+
 static LEDPI_INLINE void put_seen(const Panel *panel, const View *view, Eight x, Eight y, Samples *s) {
     for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
-        float right, down;
-        const ptrdiff_t column = ledpi_interpolation_pixel(x[lane], view->columns, &right);
-        const float *above = view->light + ledpi_interpolation_pixel(y[lane], view->rows, &down) * view->columns + column;
-        const float *below = above + view->columns;
-        const float upper = above[0] + right * (above[1] - above[0]), lower = below[0] + right * (below[1] - below[0]);
-        const float seen = upper + down * (lower - upper);
+        float most;
+        const float seen = view->cubic ? cubic_light(view, x[lane], y[lane], &most) : linear_light(view, x[lane], y[lane], &most);
         s->tells[lane] = x[lane] >= 0.0f && y[lane] >= 0.0f && x[lane] <= (float)(view->columns - 1) &&
-                         y[lane] <= (float)(view->rows - 1) && seen < (float)view->saturated;
+                         y[lane] <= (float)(view->rows - 1) && most < (float)view->saturated;
         s->seen[lane] = (seen - (float)panel->dark) * (float)panel->scale;
         s->row[lane] = s->tells[lane] ? s->row[lane] : 0.0f; /* it may be no number */
     }

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import TypeAlias
 
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
 from ledpi.decode.agenda import Agenda, alone
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.cells import sample_cells
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.waves import are_sinusoids
 from ledpi.decode.following import MOST_FITS
 from ledpi.decode.history import Identity
@@ -20,8 +20,9 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.locate import Locator
 from ledpi.decode.model.fit import MISFIT
 from ledpi.decode.model.picture import PanelPicture
+from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import Candidate, Proposer
-from ledpi.decode.reader import Reader
+from ledpi.decode.reader import Outcome, Reader
 from ledpi.decode.track import CONTRADICTED, SAME_PLACE, Track, Tracker
 from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
 from ledpi.markers.dictionaries import load_dictionary
@@ -34,7 +35,7 @@ from ledpi.pipeline.trace import SquareTrace
 STREAM_BUDGET, SINGLE_BUDGET = 150_000, 1_000_000
 
 Groups: TypeAlias = Sequence[tuple[PanelSpec, list[int]]]  # of IDs that blink alike
-_Sampled: TypeAlias = tuple[Quad, Track, CellSamples]
+_Observed: TypeAlias = tuple[Quad, Track, Observation]
 
 
 class LikelihoodPath:
@@ -50,7 +51,9 @@ class LikelihoodPath:
         self._cells, self._specs = dictionary.cells_per_side, tuple(spec for spec, _ in groups)
         self._intrinsics, self._stream = intrinsics, stream
         codebooks = [Codebook.build(ids, dictionary, spec) for spec, ids in groups]
-        self._reader = Reader(codebooks, decision.FALSE_ID_RATE, search_frequencies=panels.search_frequencies)
+        self._searches = panels.search_frequencies
+        self._weigher = LightWeigher(self._cells, intrinsics)
+        self._reader = Reader(codebooks, self._weigher, decision.FALSE_ID_RATE, search_frequencies=self._searches)
         self._proposer = Proposer(camera, self._cells, self._specs)
         self._locator = Locator(self._cells, self._specs, intrinsics, must_blink=not panels.search_frequencies)
         self.search_budget = STREAM_BUDGET if stream else SINGLE_BUDGET
@@ -74,22 +77,17 @@ class LikelihoodPath:
         if not self._stream:
             self.forget()
         self._tracker.begin_frame(frame.row0_readout_ns)
-        sampled_squares: list[_Sampled] = []
-        yield self._identify(frame, self._follow(frame, self._tracker.read_tracks(), sampled_squares, work), work)
+        yield self._identify(frame, self._follow(frame, self._tracker.read_tracks(), work), work)
         most = self._locator.spent + self.search_budget
         for track in self._tracker.unread_tracks():
             if self._locator.spent >= most:
                 break
-            yield self._identify(frame, self._follow(frame, [track], sampled_squares, work), work)
+            yield self._identify(frame, self._follow(frame, [track], work), work)
         shown = self._tracker
         if self._agenda.is_due(all_detected=shown.all_detected(), any_detected=shown.any_detected()):
-            yield from self._search(frame, most, sampled_squares, work)
-        if self._stream:
-            self._prepare_next(frame, sampled_squares, work)
+            yield from self._search(frame, most, work)
 
-    def _follow(
-        self, frame: Frame, tracks: list[Track], sampled_squares: list[_Sampled], work: Results
-    ) -> list[_Sampled]:
+    def _follow(self, frame: Frame, tracks: list[Track], work: Results) -> list[_Observed]:
         """The squares at their tracks' predictions; what is not there is left to a search."""
         start = time.perf_counter()
         followed = []
@@ -100,7 +98,7 @@ class LikelihoodPath:
             if there is not None:
                 followed.append((there, track))
         work.add_time("fit", start)
-        return self._sample(frame, followed, sampled_squares, work)
+        return self._observe(frame, followed, work)
 
     def _at(self, frame: Frame, track: Track, at: Floats) -> tuple[Quad | Rejected, PanelPicture | None]:
         """The square of a track at its predicted corners; and the picture that it still may be followed by."""
@@ -112,9 +110,7 @@ class LikelihoodPath:
             return self._locator.localise(frame, at), None
         return self._locator.refine(frame, at, known), None
 
-    def _search(
-        self, frame: Frame, most: int, sampled_squares: list[_Sampled], work: Results
-    ) -> Iterator[list[Detection]]:
+    def _search(self, frame: Frame, most: int, work: Results) -> Iterator[list[Detection]]:
         """The panels that candidates lead to, while less than `most` is spent.
 
         Of a frame that is alone a candidate that is no panel as it stands, though its corners are certain, may end in a
@@ -134,8 +130,8 @@ class LikelihoodPath:
                 associated = self._tracker.associate(quad)
                 if associated is None:
                     work.reject(candidate.corners_px, SAME_PLACE)
-                sampled = self._sample(frame, [associated] if associated else [], sampled_squares, work)
-                found = self._identify(frame, sampled, work)
+                seen = self._observe(frame, [associated] if associated else [], work)
+                found = self._identify(frame, seen, work)
                 is_read = is_read or bool(found)
                 yield found
             if not self._stream and not found and (quad is MISFIT or isinstance(quad, Quad)):
@@ -160,44 +156,56 @@ class LikelihoodPath:
             work.reject(candidate.corners_px, quad)
         return quad
 
-    def _sample(
-        self, frame: Frame, squares: list[tuple[Quad, Track]], sampled_squares: list[_Sampled], work: Results
-    ) -> list[_Sampled]:
-        """The light in the squares' cells, of those that can be sampled; they are added to `sampled_squares`, too."""
+    def _observe(self, frame: Frame, squares: list[tuple[Quad, Track]], work: Results) -> list[_Observed]:
+        """The light of the squares, of those that show some."""
         since = time.perf_counter()
-        sampled = []
+        seen = []
         for quad, track in squares:
-            samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.history.memories[0].lattice)
-            if isinstance(samples, Rejected):
-                work.reject(quad.corners_px, samples)
+            before = track.history.memories[0].last
+            like = None if before is None or before.samples is None else before.samples.lattice
+            sampled = self._searches or track.history.identity is None
+            shown = self._locator.observe(frame, quad, sampled=sampled, like=like)
+            if isinstance(shown, Rejected):
+                work.reject(quad.corners_px, shown)
             else:
-                sampled.append((quad, track, samples))
-        sampled_squares += sampled
+                seen.append((quad, track, shown))
         work.add_time("cells", since)
-        return sampled
+        return seen
 
-    def _identify(self, frame: Frame, sampled_squares: list[_Sampled], work: Results) -> list[Detection]:
+    def _identify(self, frame: Frame, observed: list[_Observed], work: Results) -> list[Detection]:
         """The panels among these squares; the reasons against the others go to `work`."""
-        if not sampled_squares:
-            return []
         since = time.perf_counter()
-        detections, times = [], frame.drop_picture()
-        for quad, track, samples in sampled_squares:
+        detections = []
+        for quad, track, seen in observed:
             was_read = track.history.identity is not None
-            outcome = self._reader.read(track.history, samples, times, partial(self._locator.evidence, frame, quad))
+            outcome = self._reader.read(track.history, seen)
             track.history = outcome.history
             if outcome.contradicted:
                 work.reject(quad.corners_px, CONTRADICTED)
             if work.trace is not None:
-                work.trace.squares.append(SquareTrace.from_outcome(quad, samples, outcome))
+                work.trace.squares += self._traced(frame, quad, seen, outcome)
             if isinstance(outcome.identity, Rejected):
                 work.reject(quad.corners_px, outcome.identity)
                 continue
             if not was_read:  # what was not may have been fitted a part of a cell beside
                 track.state = track.state.forget_velocity()
             detections.append(self._detection(quad, outcome.identity, track))
+        if self._stream:
+            for quad, track, _ in observed:
+                track.picture = self._next_picture(frame, quad, track)
         work.add_time("identify", since)
         return detections
+
+    def _traced(self, frame: Frame, quad: Quad, seen: Observation, outcome: Outcome) -> list[SquareTrace]:
+        """The square's record, where its cells can be sampled for people to look at."""
+        samples = seen.samples or sample_cells(frame, quad, self._cells, self._intrinsics)
+        if isinstance(samples, Rejected):
+            return []
+        identity, history = outcome.identity, outcome.history
+        group = 0 if isinstance(identity, Rejected) else identity.group
+        reading = identity if isinstance(identity, Rejected) else identity.reading
+        evidence = history.memories[group].evidence(self._weigher)
+        return [SquareTrace(quad=quad, samples=samples, evidence=evidence, reading=reading)]
 
     def _detection(self, quad: Quad, identity: Identity, track: Track) -> Detection:
         assert quad.covariance_px2 is not None, "the localisation measures it"
@@ -217,14 +225,6 @@ class LikelihoodPath:
             if velocity_covariance is None
             else read_only(covariance_of_turned(velocity_covariance, reading.quarter_turns)),
         )
-
-    def _prepare_next(self, frame: Frame, sampled_squares: list[_Sampled], work: Results) -> None:
-        """Work for the frames to come."""
-        since, times = time.perf_counter(), frame.drop_picture()
-        for quad, track, samples in sampled_squares:
-            track.history = self._reader.prepare_next(track.history, samples, times)
-            track.picture = self._next_picture(frame, quad, track)
-        work.add_time("identify", since)
 
     def _next_picture(self, frame: Frame, quad: Quad, track: Track) -> PanelPicture | None:
         """What the panel is to be followed by: none while its ID is not known, or where bands are deep."""

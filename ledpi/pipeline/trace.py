@@ -9,7 +9,6 @@ from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.proposals import Candidate
-from ledpi.decode.reader import Outcome
 from ledpi.uemura.reader import Steps
 
 
@@ -30,14 +29,6 @@ class SquareTrace:
     samples: CellSamples
     evidence: Evidence | Rejected  # of all frames that were used
     reading: Reading | Rejected
-
-    @classmethod
-    def from_outcome(cls, quad: Quad, samples: CellSamples, outcome: Outcome) -> SquareTrace:
-        """Of a square whose cells have these `samples`."""
-        identity, memories = outcome.identity, outcome.history.memories
-        if isinstance(identity, Rejected):
-            return cls(quad=quad, samples=samples, evidence=memories[0].evidence(), reading=identity)
-        return cls(quad=quad, samples=samples, evidence=memories[identity.group].evidence(), reading=identity.reading)
 
 
 @dataclass(slots=True)

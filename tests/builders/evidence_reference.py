@@ -8,7 +8,6 @@ from ledpi.core.records import Floats, Singles
 from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.band_estimate import BandEstimate
 from ledpi.decode.evidence.classes import band_shares
-from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.shared_light import border_points, contributing_cells, sources_of
 
@@ -111,24 +110,6 @@ def single_frame_evidence(samples: CellSamples, waves: Singles, estimate: BandEs
     free = int(valid.sum()) - unknowns
     score, information = weighed(design * valid.reshape(-1, 1), residual, basis, cells * len(waves), free)
     return samples.independence * score, samples.independence * information
-
-
-def compared_evidence(samples: CellSamples, waves: Singles, mean: Mean) -> tuple[float, Floats, Floats]:
-    """The light's scale, score and information, as decode/evidence/comparison.py has them."""
-    seen = mean.count > 0 if samples.valid is None else (mean.count > 0) & samples.valid
-    picture = mean.picture.astype(np.float64)
-    scale = float((samples.light * picture * seen).sum() / (picture**2 * seen).sum())
-    weight = picture * seen * (mean.count / (mean.count + 1))
-    root = np.sqrt(weight / weight.mean())
-    residual = (samples.light / scale / picture - 1) * root
-    nuisances = np.concatenate([root[None], slopes_of(picture, samples.lattice) * root]).reshape(9, -1).T
-    bands = block_columns((waves - mean.waves) * root)
-    free = int(seen.sum()) - 9 - bands.shape[1]
-    none = np.zeros((len(bands), 0))
-    score, information = weighed(
-        np.concatenate([nuisances, bands], axis=1), residual.ravel(), none, bands.shape[1], free
-    )
-    return scale, samples.independence * score, samples.independence * information
 
 
 def word_log_likelihoods(evidence: Evidence, white: np.ndarray) -> tuple[Floats, Floats, Floats]:

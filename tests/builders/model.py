@@ -16,6 +16,7 @@ from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, Canvas, share_on,
 
 CELLS = 4
 SIZE = 160  # of a picture, pixels along a side
+PICTURE = (480, 640)  # rows and columns of what that is a part of
 FOCAL_PX, CENTRE_PX = 640.0, (320.0, 240.0)  # what the fit takes for a camera that it does not know, of 640 × 480
 
 
@@ -100,7 +101,8 @@ def window_of(light: Floats, *, noise: float = 0.0, seed: int = 0, dark: float =
     """All of a picture, unquantised; `noise`: its deviation at a level of 1, as the fit weighs light."""
     deviation = noise * np.sqrt(np.maximum(light, 0.0) + 0.1)
     seen = light + deviation * np.random.default_rng(seed).standard_normal(light.shape)
-    return Window((0.25 * seen).astype(np.float32), (0.0, 0.0), 1, 0.25 * dark, 0.25 * (1.0 + dark), 0.25 * dark)
+    own, lit = 0.25 * dark, 0.25 * (1.0 + dark)
+    return Window((0.25 * seen).astype(np.float32), (0.0, 0.0), 1, PICTURE, own, lit, own)
 
 
 def places_of(corners: Floats, at_px: Floats) -> Floats:

@@ -1,6 +1,6 @@
 """What several frames of one panel say together.
 
-After the first frame a panel's static picture is known, cell by cell, so a further frame is comparisons with the mean
+After the first frame a panel's static picture is known, place by place, so a further frame is compared with the mean
 of those before it: what differs are the bands. Each comparison is independent of all earlier ones (Helmert's
 contrasts), and the oscillators are stable, so its evidence adds to theirs in one phase: the wave of the new frame
 less the mean wave of the old ones. Where the phases stand still from frame to frame the comparisons say nothing;
@@ -9,18 +9,16 @@ then the mean picture, read as a single frame of less noise, still says what one
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.core.records import Floats, Frame, PanelSpec, Rejected, Singles
-from ledpi.decode.cells import CellSamples, Lattice
-from ledpi.decode.evidence.comparison import Mean, compared_evidence
-from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.noise import WHITE, Correlation
-from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep, turned
+from ledpi.core.records import Floats, PanelSpec, Rejected
+from ledpi.decode.evidence.evidence import UNFIT, Evidence
+from ledpi.decode.evidence.light import LightWeigher, Mean
+from ledpi.decode.evidence.waves import band_prior, is_deep, turned
+from ledpi.decode.observation import Observation
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
 FORGETTING = 0.97
@@ -28,7 +26,6 @@ FORGETTING = 0.97
 MEAN_FRAMES = 16.0
 # Below this share of a wave's power the mean picture has no bands left that are worth reading.
 MEAN_WAVE_POWER = 0.02
-DARKEST = np.float32(0.02)  # of the mean picture's mean: what is darker is hardly lit, and has no logarithm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,23 +35,16 @@ class ComparisonSum:
     score: Floats
     information: Floats
     residual: float
-    noise: Correlation
-    count: float  # of the comparisons
 
     @classmethod
     def accumulate(cls, before: ComparisonSum | None, added: Evidence) -> ComparisonSum:
         """The sum with one more comparison."""
         if before is None:
-            noise = added.noise.average(WHITE, 0.0)
-            return cls(
-                score=added.score, information=added.information, residual=added.residual, noise=noise, count=1.0
-            )
+            return cls(score=added.score, information=added.information, residual=added.residual)
         return cls(
             score=FORGETTING * before.score + added.score,
             information=FORGETTING * before.information + added.information,
             residual=FORGETTING * before.residual + added.residual,
-            noise=added.noise.average(before.noise, before.count),
-            count=1.0 + FORGETTING * before.count,
         )
 
 
@@ -64,27 +54,30 @@ class PanelMemory(NamedTuple):
     spec: PanelSpec
     frames: int = 0
     origin_ns: int = 0  # row 0's read-out of the first frame, from which bands are counted
-    last: tuple[CellSamples, Frame] | None = None
-    running_mean: Mean | None = None  # picture of the frames on this lattice; None where the last one alone is
+    last: Observation | None = None
+    mean: Mean | None = None  # picture of the frames on one grid; None where the last one alone is
     comparisons: ComparisonSum | None = None
 
-    def add_frame(self, samples: CellSamples, frame: Frame) -> tuple[PanelMemory, Evidence | None]:
+    def begin(self, seen: Observation) -> PanelMemory:
+        """The memory of a first frame."""
+        return self._replace(frames=1, origin_ns=seen.frame.row0_readout_ns, last=seen)
+
+    def add_frame(self, seen: Observation, weigher: LightWeigher) -> tuple[PanelMemory, Evidence | None]:
         """The memory with one more frame, and the evidence that this adds by comparison with those before, if any.
 
-        A frame on another lattice cannot be compared.
+        A frame on another grid cannot be compared.
         """
-        origin_ns = self.origin_ns if self.frames else frame.row0_readout_ns
-        further = self._replace(frames=self.frames + 1, origin_ns=origin_ns, last=(samples, frame), running_mean=None)
-        if self.lattice is not samples.lattice:  # or a first one; what was learnt of the bands stays, the picture not
+        if not self.frames:
+            return self.begin(seen), None
+        further = self._replace(frames=self.frames + 1, last=seen, mean=None)
+        before = self._mean(weigher)
+        if not weigher.is_comparable(seen, before):
+            return further, None  # what was learnt of the bands stays, the picture does not
+        picture, added = weigher.compare(seen, self.spec, further._since_s(seen), before)
+        further = further._replace(mean=before.add(picture, MEAN_FRAMES))
+        if added is None:
             return further, None
-        before, waves = self._mean(), self._waves(samples, frame)
-        scale, added = compared_evidence(samples, frame, self.spec, waves, _clamp_dark(before))
-        light = samples.light / np.float32(scale)
-        running_mean = _update_mean(before, light, waves, _valid_counts(samples))
-        if isinstance(added, Rejected):
-            return further._replace(running_mean=running_mean), None
-        comparisons = ComparisonSum.accumulate(self.comparisons, added)
-        return further._replace(running_mean=running_mean, comparisons=comparisons), added.discount(comparisons.noise)
+        return further._replace(comparisons=ComparisonSum.accumulate(self.comparisons, added)), added
 
     @property
     def effective_frames(self) -> float:
@@ -92,44 +85,27 @@ class PanelMemory(NamedTuple):
         return min(self.frames, 1.0 / (1.0 - FORGETTING))
 
     @property
-    def lattice(self) -> Lattice | None:
-        """That of the newest frame; None before there is one."""
-        return None if self.last is None else self.last[0].lattice
-
-    @property
-    def newest(self) -> tuple[CellSamples, Frame]:
+    def newest(self) -> Observation:
         """The frame that was added last. Here and below: there must be one."""
         assert self.last is not None
         return self.last
 
-    def newest_evidence(self) -> Evidence | None:
+    def newest_evidence(self, weigher: LightWeigher) -> Evidence | None:
         """The newest frame's evidence by itself; None for deep bands, which need a second pass."""
-        samples, frame = self.newest
-        if is_deep(band_prior(frame, self.spec)):
+        if is_deep(band_prior(self.newest.frame, self.spec)):
             return None
-        alone = single_evidence(samples, frame, self.spec, self._waves(samples, frame))
-        return None if isinstance(alone, Rejected) else alone
-
-    def mean(self) -> Mean:
-        """The frames that there are to compare a further one with."""
-        return _clamp_dark(self._mean())
-
-    @property
-    def noise(self) -> Correlation:
-        """How far the comparisons so far found it alike in neighbouring samples."""
-        return WHITE if self.comparisons is None else self.comparisons.noise
+        return weigher.alone(self.newest, self.spec, self._since_s(self.newest))
 
     def count_from_origin(self, bands: Floats) -> Floats:
         """Bands (cells, P) of the newest frame alone as all frames count them: from row 0 of the first."""
-        _, frame = self.newest
-        return turned(bands, self.spec.waves_hz, (frame.row0_readout_ns - self.origin_ns) * 1e-9)
+        return turned(bands, self.spec.waves_hz, self._since_s(self.newest))
 
-    def evidence(self) -> Evidence | Rejected:
+    def evidence(self, weigher: LightWeigher) -> Evidence | Rejected:
         """All evidence: the comparisons so far, and the mean picture read as one frame."""
-        total, known = self._mean_picture_evidence(), self.comparison_evidence()
+        total, known = self._mean_picture_evidence(weigher), self.comparison_evidence()
         if known is None:
-            return total
-        if isinstance(total, Rejected):
+            return UNFIT if total is None else total
+        if total is None:
             return known
         return known._replace(
             score=known.score + total.score,
@@ -141,57 +117,23 @@ class PanelMemory(NamedTuple):
         """The evidence of the frames after the first, whatever the panel looks like."""
         if (known := self.comparisons) is None:
             return None
-        prior = band_prior(self.newest[1], self.spec)
-        return Evidence(
-            score=known.score, information=known.information, prior=prior, residual=known.residual
-        ).discount(known.noise)
+        prior = band_prior(self.newest.frame, self.spec)
+        return Evidence(score=known.score, information=known.information, prior=prior, residual=known.residual)
 
-    def _waves(self, samples: CellSamples, frame: Frame) -> Singles:
-        """(P, cells, points): cosine and sine of each wave in this frame."""
-        return class_waves(samples, frame, self.spec, (frame.row0_readout_ns - self.origin_ns) * 1e-9)
+    def _since_s(self, seen: Observation) -> float:
+        """From the origin to row 0 of a frame."""
+        return (seen.frame.row0_readout_ns - self.origin_ns) * 1e-9
 
-    def _mean(self) -> Mean:
-        """Of the frames on this lattice; made of a first one when it is asked for, as most squares are seen once."""
-        if self.running_mean is not None:
-            return self.running_mean
-        samples, frame = self.newest
-        picture = samples.light / samples.light.mean()
-        return Mean(picture=picture, count=_valid_counts(samples), waves=self._waves(samples, frame))
+    def _mean(self, weigher: LightWeigher) -> Mean:
+        """The frames on this grid; made of a first one when it is asked for, as most squares are seen once."""
+        return self.mean or weigher.first(self.newest, self.spec, self._since_s(self.newest))
 
-    def _mean_picture_evidence(self) -> Evidence | Rejected:
-        mean, (samples, frame) = self._mean(), self.newest
-        seen = mean.count > 0
+    def _mean_picture_evidence(self, weigher: LightWeigher) -> Evidence | None:
+        """None where the mean has no bands that are worth reading, or tells none."""
+        mean = self._mean(weigher)
         # A whole wave's cosine and sine have a power of 1 together.
-        waves = len(mean.waves) // 2
-        power = float(np.square(mean.waves).sum() / max(1, waves * int(seen.sum())))
+        waves, seen = len(mean.waves) // 2, int((mean.count > 0).sum())
+        power = float(np.square(mean.waves).sum() / max(1, waves * seen))
         if self.comparisons is not None and power < MEAN_WAVE_POWER:
-            nothing = np.zeros((len(mean.picture), len(mean.waves)))
-            return Evidence(
-                score=nothing,
-                information=np.zeros(nothing.shape * 2),
-                prior=band_prior(frame, self.spec),
-                residual=0.0,
-            )
-        picture = replace(samples, light=mean.picture, valid=None if seen.all() else seen)
-        return single_evidence(picture, frame, self.spec, mean.waves)
-
-
-def _clamp_dark(mean: Mean) -> Mean:
-    """The same, its picture above 0."""
-    return replace(mean, picture=np.maximum(mean.picture, DARKEST))
-
-
-def _update_mean(before: Mean, light: Singles, waves: Singles, valid: Singles) -> Mean:
-    """The mean with a further frame, of `light` in its unit."""
-    total = before.count + valid
-    share = np.where(valid > 0, 1.0 / np.maximum(total, 1.0), 0.0).astype(np.float32)
-    return Mean(
-        picture=before.picture + (light - before.picture) * share,
-        count=np.minimum(total, np.float32(MEAN_FRAMES)),
-        waves=before.waves + (waves - before.waves) * share,
-    )
-
-
-def _valid_counts(samples: CellSamples) -> Singles:
-    """(cells, points) 1, and 0 where a sample is not valid."""
-    return np.ones(samples.light.shape, np.float32) if samples.valid is None else samples.valid.astype(np.float32)
+            return None
+        return weigher.of_mean(self.newest, self.spec, mean)

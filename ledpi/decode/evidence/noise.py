@@ -52,15 +52,6 @@ class Correlation:
             return 1.0
         return math.exp(max(0.0, self.growth * (self.excess - self.deviation)))
 
-    def average(self, before: Correlation, frames: float) -> Correlation:
-        """The mean of this and of `frames` before it."""
-        share = 1.0 / (frames + 1.0)
-        return Correlation(
-            before.excess + share * (self.excess - before.excess),
-            self.deviation * math.sqrt(share),
-            self.growth,
-        )
-
 
 WHITE = Correlation(0.0, 0.0, 0.0)
 

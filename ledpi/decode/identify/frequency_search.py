@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.records import Floats, Frame, PanelSpec
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.classes import wave_shares
-from ledpi.decode.evidence.prediction import nuisance_basis
 from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.observation import Observation
 
 Complexes = NDArray[np.complex128]
 
@@ -41,11 +41,9 @@ SIGNIFICANT = 10.0
 CHOICES = 300.0
 
 
-class Observation(NamedTuple):
-    """One frame of a panel."""
-
+class _Sampled(NamedTuple):
     samples: CellSamples
-    frame: Frame  # its times count; of its picture nothing is used any more
+    frame: Frame  # its times count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,17 +60,22 @@ def propose_frequencies(observations: Sequence[Observation], spec: PanelSpec, co
     Frames on another lattice than the last one's are ignored. If a class has no peak, its phase is assumed to stand
     still from frame to frame, so that differences do not show it.
     """
+    assert observations[-1].samples is not None, "frequencies are searched for"
     last = observations[-1].samples.lattice
-    observations = [s for s in observations if s.samples.lattice is last and s.samples.valid is None]
-    if len(observations) < MIN_FRAMES:
+    frames = [
+        _Sampled(seen.samples, seen.frame)
+        for seen in observations
+        if seen.samples is not None and seen.samples.lattice is last and seen.samples.valid is None
+    ]
+    if len(frames) < MIN_FRAMES:
         return None
-    times_s = np.array([(s.frame.row0_readout_ns - observations[0].frame.row0_readout_ns) * 1e-9 for s in observations])
-    residual, weight = _residuals(observations)
+    times_s = np.array([(s.frame.row0_readout_ns - frames[0].frame.row0_readout_ns) * 1e-9 for s in frames])
+    residual, weight = _residuals(frames)
     shares = wave_shares(codebook.white.astype(np.float64), len(spec.waves_hz))
     searched = [
         _powers(
-            _sums(observations, residual, weight, hz),
-            _image_sums(observations, weight, hz),
+            _sums(frames, residual, weight, hz),
+            _image_sums(frames, weight, hz),
             times_s,
             hz,
             shares[..., k],
@@ -80,8 +83,8 @@ def propose_frequencies(observations: Sequence[Observation], spec: PanelSpec, co
         for k, hz in enumerate(spec.waves_hz)
     ]
     codeword = int(np.argmax(np.sum([power.max(axis=0) for _, power in searched], axis=0)))
-    period_s = times_s[-1] / (len(observations) - 1)
-    noise = _noise(observations, residual, weight)
+    period_s = times_s[-1] / (len(frames) - 1)
+    noise = _noise(frames, residual, weight)
     peaks = [_peak(frequencies, power[:, codeword], noise) for frequencies, power in searched]
     if not any(peaks):
         return None
@@ -97,21 +100,31 @@ def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
     return f"panel {marker_id} blinks at about {seen_hz} Hz, not as configured; `ledpi calibrate panel` measures it"
 
 
-def _residuals(observations: Sequence[Observation]) -> tuple[Floats, Floats]:
+def _residuals(observations: Sequence[_Sampled]) -> tuple[Floats, Floats]:
     """What each frame's light is over the mean picture's (frames, cells·points), corners' errors taken off; weights."""
     light = np.stack([s.samples.light / s.samples.light.mean() for s in observations]).astype(np.float64)
     picture = np.maximum(light.mean(axis=0), 0.02)
     weight = picture / picture.mean()
-    basis = nuisance_basis(
-        picture.astype(np.float32), observations[-1].samples.lattice
-    )  # changes of exposure, of corners
     root = np.sqrt(weight).reshape(-1)
     residual = ((light / picture - 1.0).reshape(len(observations), -1)) * root
-    residual -= (residual @ basis.T) @ basis
+    basis = _nuisance_basis(picture, observations[-1].samples.lattice, root)
+    residual -= (residual @ basis) @ basis.T
     return residual / root, weight.reshape(-1)
 
 
-def _sums(observations: Sequence[Observation], residual: Floats, weight: Floats, hz: float) -> Complexes:
+def _nuisance_basis(picture: Floats, lattice: Lattice, root: Floats) -> Floats:
+    """(cells·points, 9) orthonormal: what another exposure and eight ways of wrong corners add, times `root`."""
+    n, k, along = lattice.cells, lattice.k, lattice.along.astype(np.float64)
+    rows = picture.reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k)
+    down, across = np.gradient(rows, along, along)
+    q, p = np.meshgrid(2.0 * along - 1.0, 2.0 * along - 1.0, indexing="ij")
+    both = p * across + q * down
+    ways = np.stack([rows, across, p * across, q * across, down, p * down, q * down, p * both, q * both]) / rows
+    by_cell = ways.reshape(9, n, k, n, k).transpose(0, 1, 3, 2, 4).reshape(9, -1)
+    return np.asarray(np.linalg.qr((by_cell * root).T)[0])
+
+
+def _sums(observations: Sequence[_Sampled], residual: Floats, weight: Floats, hz: float) -> Complexes:
     """(frames, cells): the wave that each cell shows, with the phase that it had when row 0 was read out."""
     rows = np.stack([s.samples.rows for s in observations]).astype(np.float64)
     turns = np.array([hz * s.frame.row_time_us * 1e-6 for s in observations])[:, None, None]
@@ -119,7 +132,7 @@ def _sums(observations: Sequence[Observation], residual: Floats, weight: Floats,
     return np.asarray((waves * (residual * weight).reshape(rows.shape)).sum(axis=2))
 
 
-def _image_sums(observations: Sequence[Observation], weight: Floats, hz: float) -> Complexes:
+def _image_sums(observations: Sequence[_Sampled], weight: Floats, hz: float) -> Complexes:
     """(frames, cells): the mean square of the wave that `_sums` demodulates by; 0 where it goes round in each cell."""
     cells = len(observations[-1].samples.light)
     even = np.full((len(observations), weight.size), cells / (len(observations) * weight.sum()))
@@ -155,7 +168,7 @@ def _frozen(hz: float, period_s: float) -> float:
     return float(round(hz * period_s) / period_s)
 
 
-def _noise(observations: Sequence[Observation], residual: Floats, weight: Floats) -> float:
+def _noise(observations: Sequence[_Sampled], residual: Floats, weight: Floats) -> float:
     """The mean of `_powers` for noise alone, as if the whole residual were noise.
 
     A residual has the variance σ²/weight, so a sum over samples that are weighted by it has σ²·Σ weight.

@@ -7,6 +7,7 @@ import numpy as np
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codewords import class_flip_gain
+from ledpi.decode.identify.plausibility import MODEL_VARIANCE
 
 # A frame that is e^5 times likelier without a panel's bands than with them does not show the panel. A frame that does
 # show it is rejected less than once in 1,000 times, however much information it has: with E =
@@ -15,7 +16,7 @@ from ledpi.decode.identify.codewords import class_flip_gain
 CONTRADICTION_NATS = 5.0
 # If cells are more likely to be of the other class, by this much together, another panel has taken the place. Unchanged
 # cells gain by noise alone: 0.2 each on average, whatever their evidence E (mean of max(0, N(−E, 2E))). The rest is for
-# bands that are not known exactly yet.
+# bands that are not known exactly yet. Cells' bands differ by a quarter of their depth besides (MODEL_VARIANCE).
 OTHER_CLASS_NATS = 16.0
 # To confirm a panel, the evidence for it must be so many times the evidence for other classes. If another codeword is
 # there, which differs in a quarter of the cells or more (DICT_4X4_50), the two are about equal.
@@ -32,7 +33,16 @@ def contradicts(added: Evidence | None, cell_bands: Floats) -> bool:
     if added is None:
         return False
     likelihood, of_others = _log_likelihood_ratios(added, cell_bands)
-    return likelihood < -CONTRADICTION_NATS or of_others > OTHER_CLASS_NATS
+    most_of_others = OTHER_CLASS_NATS + MODEL_VARIANCE * expected_log_likelihood_ratio(added, cell_bands)
+    return likelihood < -CONTRADICTION_NATS or of_others > most_of_others
+
+
+def prefers_others(added: Evidence | None, cell_bands: Floats) -> bool:
+    """Whether the cells that are likelier of the other class outweigh all cells together."""
+    if added is None:
+        return False
+    likelihood, of_others = _log_likelihood_ratios(added, cell_bands)
+    return likelihood < of_others
 
 
 def confirms(alone: Evidence | None, cell_bands: Floats) -> bool:

@@ -13,15 +13,11 @@ import numpy as np
 
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
-from ledpi.core.shutter import fundamental_amplitude
-from ledpi.decode.evidence.erasures import UNLIT, erase_cells
-from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.model.light import Window, grid, waves
-from ledpi.decode.model.prior import BESIDE, BLUR, COMMON, OWN, PHASE, SMEAR, prior
+from ledpi.decode.model.prior import BLUR, SMEAR, prior
 from ledpi.kernels.lens import bending_lens_of
 from ledpi.kernels.library import NONE, lib
-from ledpi.kernels.panel import MOST_LINES, Solver, Weigher
+from ledpi.kernels.panel import MOST_LINES, Solver
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")
@@ -29,8 +25,6 @@ MISFIT = Rejected(stage="fit", reason="misfit")
 UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 WHY = {lib.LEDPI_WITHOUT_BANDS: NO_BANDS, lib.LEDPI_MISFIT: MISFIT, lib.LEDPI_UNCERTAIN: UNCERTAIN}
 
-# Samples along a cell, one a pixel but for these: fewer tell no bands from gains, more no more.
-FEWEST_EACH, MOST_EACH = 3, 12
 SATURATED = 0.999  # of full scale: such light says nothing
 # Of an `Effort`: what the solver itself goes by.
 SOLVED_BY = ("rounds", "reweightings", "banded", "phasing", "must_blink", "tolerance", "most_left")
@@ -77,7 +71,7 @@ class Fitter:
         self._cells = cells
         self._intrinsics = intrinsics
         self._lens = bending_lens_of(intrinsics)
-        self.solver, self._weigher = Solver(), Weigher()
+        self.solver = Solver()
         self.sampled = 0  # places, by all fits so far
 
     def fit(
@@ -96,13 +90,13 @@ class Fitter:
         if len(lines) > MOST_LINES:
             return DIVERGED
         each = len(lines) / cells  # no finer than the grid is what is seen of a cell
-        across, down = (round(max(1.0, min(each, pitch)), 1) for pitch in pitch_px)
+        across, down = (round(max(1.0, min(each, of)), 1) for of in pitch_px)
         given = prior(cells, (across, down), frame.exposure_us, even=effort.even, faint=effort.faint)
         unknown = (given[0] if known is None else known).copy()
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
         per_row = frame.row_time_us * 1e-6
         outcome, fit = self.solver.fit(
-            **self.view(frame, window),
+            **self.view(window),
             cells=cells,
             waves=tables,
             cycles_a_row=(spec.black_hz * per_row, spec.white_hz * per_row),
@@ -119,68 +113,28 @@ class Fitter:
             return WHY.get(outcome, DIVERGED)
         return _fitted(fit, unknown, window, spec)
 
-    def evidence(
-        self, frame: Frame, window: Window, lattice_px: Floats, unknown: Floats, spec: PanelSpec
-    ) -> Evidence | None:
-        """The evidence of the light on the bands in each cell, about a fit: its lattice (4, 2), its unknowns.
+    def view(self, window: Window) -> dict[str, Any]:
+        """What the solver is told of the light, and of the lens."""
+        return solver_view(window, self._intrinsics, self._lens)
 
-        None where there is too little of it to tell bands from all else that is not known.
-        """
-        cells, count = self._cells, len(spec.waves_hz)
-        pitch_px = pitch_px_of(lattice_px / window.shrink, cells)
-        each = min(MOST_EACH, max(FEWEST_EACH, round(math.sqrt(pitch_px[0] * pitch_px[1]))))
-        lines = (np.arange(cells * each) + 0.5) / each
-        across, down = (round(max(1.0, min(each, pitch)), 1) for pitch in pitch_px)
-        given = prior(cells, (across, down), frame.exposure_us, even=False, faint=True)
-        score, information = np.empty((cells**2, 2 * count)), np.empty((cells**2, 2 * count) * 2)
-        found, weighed = self._weigher.weigh(
-            {
-                **self.view(frame, window),
-                "cells": cells,
-                "waves": waves(spec, frame.exposure_us, frame.row_time_us, window.shrink),
-                "cycles_a_row": tuple(hz * frame.row_time_us * 1e-6 for hz in (spec.black_hz, spec.white_hz)),
-                "lines": len(lines),
-                "along": lines,
-                "prior": given,
-                "banded": True,
-                "corners": lattice_px.reshape(-1).tolist(),
-                "unknown": unknown,
-            },
-            waves=count,
-            turn=turns(frame, spec, unknown[PHASE:BESIDE].tolist()),
-            step_px=[pitch / each for pitch in pitch_px],
-            score=score,
-            information=information,
-        )
-        if not found:
-            return None
-        evidence = Evidence(
-            score=score / weighed.inflation,
-            information=information / weighed.inflation,
-            prior=band_prior(frame, spec),
-            residual=0.5 * weighed.freedom / weighed.inflation,
-        )
-        gains = unknown[COMMON::OWN]
-        return erase_cells(evidence, np.asarray(gains < UNLIT * gains.mean()))
 
-    def view(self, frame: Frame, window: Window) -> dict[str, Any]:
-        """What the solver is told of the light, and of the lens: a guess where that is not known."""
-        height, width = frame.pixels.shape
-        known = self._intrinsics
-        return {
-            "light": window.light,
-            "rows": window.light.shape[0],
-            "columns": window.light.shape[1],
-            "first_x": window.first[0],
-            "first_y": window.first[1],
-            "shrink": window.shrink,
-            "saturated": SATURATED,
-            "scale": 1.0 / (window.bright - window.dark),
-            "dark": window.dark,
-            "lens": NONE if self._lens is None else self._lens,
-            "focal": (width, width) if known is None else (known.fx, known.fy),
-            "centre": (width / 2, height / 2) if known is None else (known.cx, known.cy),
-        }
+def solver_view(window: Window, intrinsics: Intrinsics | None, lens: Floats | None) -> dict[str, Any]:
+    """Fields of a solver's view of the light, and of the lens: a guess where that is not known."""
+    height, width = window.picture
+    return {
+        "light": window.light,
+        "rows": window.light.shape[0],
+        "columns": window.light.shape[1],
+        "first_x": window.first[0],
+        "first_y": window.first[1],
+        "shrink": window.shrink,
+        "saturated": SATURATED,
+        "scale": 1.0 / (window.bright - window.dark),
+        "dark": window.dark,
+        "lens": NONE if lens is None else lens,
+        "focal": (width, width) if intrinsics is None else (intrinsics.fx, intrinsics.fy),
+        "centre": (width / 2, height / 2) if intrinsics is None else (intrinsics.cx, intrinsics.cy),
+    }
 
 
 def _fitted(fit: Any, unknown: Floats, window: Window, spec: PanelSpec) -> Fitted | Rejected:
@@ -200,20 +154,6 @@ def _fitted(fit: Any, unknown: Floats, window: Window, spec: PanelSpec) -> Fitte
         unknown=read_only(unknown),
         spec=spec,
     )
-
-
-def turns(frame: Frame, spec: PanelSpec, phases: list[float]) -> list[list[float]]:
-    """Cosine and sine of the phase in row 0 of each wave's fundamental, over its amplitude.
-
-    `phases` (2,) are those of the square waves where the row's exposure begins, in cycles.
-    """
-    out = []
-    for hz, phase in zip((spec.black_hz, spec.white_hz), phases, strict=True):
-        amplitude = fundamental_amplitude(hz, frame.exposure_us, spec.duty)
-        begin = spec.duty / 2.0 - hz * frame.exposure_us * 0.5e-6
-        angle = 2.0 * math.pi * (phase - begin)
-        out.append([math.cos(angle) / amplitude, math.sin(angle) / amplitude])
-    return out
 
 
 def pitch_px_of(corners_px: Floats, cells: int) -> tuple[float, float]:

@@ -29,6 +29,7 @@ class Window:
     light: Singles  # (rows, columns), 0..1
     first: tuple[float, float]  # x, y of the first one's centre in the picture
     shrink: int  # pixels of the picture, along a side
+    picture: tuple[int, int]  # its rows and columns
     dark: float = 0.0  # levels of what is dark there, and of the square's own light
     bright: float = 1.0
     dimmed: float = 0.0  # level of what is dark within the square, as in bands
@@ -70,7 +71,7 @@ class Window:
         light = cv2.LUT(patch, linear_light(frame.transfer, mark_saturated=False))
         if shrink > 1:
             light = cv2.resize(light, (columns, rows), interpolation=cv2.INTER_AREA)
-        return cls(light, (x + (shrink - 1) / 2, y + (shrink - 1) / 2), shrink)
+        return cls(light, (x + (shrink - 1) / 2, y + (shrink - 1) / 2), shrink, (height, width))
 
 
 def _quantile(light: Singles, share: float) -> float:

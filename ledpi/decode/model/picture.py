@@ -134,7 +134,7 @@ def _drawn(
     fitter.solver.put_picture(
         picture,
         shares,
-        **fitter.view(frame, window),
+        **fitter.view(window),
         cells=cells,
         waves=waves(spec, frame.exposure_us, frame.row_time_us, window.shrink),
         cycles_a_row=tuple(hz * frame.row_time_us * 1e-6 for hz in (spec.black_hz, spec.white_hz)),

@@ -37,6 +37,11 @@ MIX_SIGMA = 0.7  # of either class's wave in a cell: 0 or 1
 HARMONICS = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3), (4, 0), (0, 4), (1, 1), (2, 1), (1, 2), (2, 2), (3, 3))
 
 
+# (COMMON,) what is built into a panel: all but its place, the picture's blur, phases, and the light beside and on it.
+BUILT_IN = np.ones(COMMON, np.bool_)
+BUILT_IN[[*range(BLUR + 1), *range(PHASE, ASIDE), SMEAR]] = False
+
+
 @lru_cache(maxsize=256)
 def prior(cells: int, pitch_px: tuple[float, float], exposure_us: float, *, even: bool, faint: bool) -> Floats:
     """(2, unknowns): means, and one over the variances (0 where nothing is known), of `cells` × `cells`.
@@ -60,3 +65,18 @@ def prior(cells: int, pitch_px: tuple[float, float], exposure_us: float, *, even
     mean[COMMON::OWN], sigma[COMMON::OWN] = 1.0, GAIN_SIGMA
     sigma[COMMON + 1 :: OWN] = sigma[COMMON + 2 :: OWN] = MIX_SIGMA
     return read_only(np.stack([mean, sigma**-2.0]))
+
+
+def turned_unknown(unknown: Floats, quarter_turns: int) -> Floats:
+    """The unknowns as they are where the corners' order begins so many corners later."""
+    out = unknown.copy()
+    n = math.isqrt((len(unknown) - COMMON) // OWN)
+    swapped = [HARMONICS.index((y, x)) for x, y in HARMONICS]
+    for _ in range(quarter_turns % 4):
+        before = out.copy()
+        for sides in (RIM, BESIDE):  # left, right, above, below
+            out[sides : sides + 4] = before[[sides + 2, sides + 3, sides + 1, sides]]
+        out[SHAPE:PHASE] = before[SHAPE:PHASE][swapped]
+        out[ASIDE], out[ASIDE + 1] = before[ASIDE + 1], -before[ASIDE]
+        out[COMMON:] = np.rot90(before[COMMON:].reshape(n, n, OWN)).reshape(-1)
+    return out

@@ -1,4 +1,4 @@
-"""Reads with an oracle for the corners: the same evidence and codewords at true corners, without locating anything."""
+"""Reads with an oracle for the corners: the same fit, evidence and codewords, begun at true corners."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import time
 from collections.abc import Sequence
 from functools import lru_cache
 
-from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
-from ledpi.decode.cells import sample_cells
-from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected
+from ledpi.decode.evidence.light import LightWeigher
+from ledpi.decode.history import History, Identity
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.locate import Locator
+from ledpi.decode.reader import Reader
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.evaluate.reading import Found, Read
 
@@ -26,24 +27,22 @@ def read_with_oracle(
     `views`: a frame that stands alone, or the frames of a stream in order, each with the panel's true corners, (4, 2)
     px in the marker's order. A codeword that is read rotated counts as none: the corners say which way up it is.
     """
-    book, memory = _codebook(dictionary, spec), PanelMemory(spec)
+    book, history = _codebook(dictionary, spec), History.empty((spec,))
+    cells = load_dictionary(dictionary).cells_per_side
+    locator, weigher = Locator(cells, (spec,), lens, must_blink=False), LightWeigher(cells, lens)
+    reader = Reader([book], weigher, decision.FALSE_ID_RATE)
     read: list[int | None] = []
     for frame, corners_px in views:
-        quad = Quad(corners_px=corners_px)
-        samples = sample_cells(frame, quad, load_dictionary(dictionary).cells_per_side, lens, memory.lattice)
-        if isinstance(samples, Rejected):
+        quad = locator.localise(frame, corners_px)
+        seen = quad if isinstance(quad, Rejected) else locator.observe(frame, quad)
+        if isinstance(seen, Rejected):
             read.append(None)
             continue
-        memory, _ = memory.add_frame(samples, frame)
-        codeword: decision.Reading | Rejected
-        if memory.frames == 1:
-            codeword = decision.read_codeword(samples, frame, book, decision.FALSE_ID_RATE)
-        else:
-            evidence = memory.evidence()
-            codeword = (
-                decision.decide(evidence, book, decision.FALSE_ID_RATE) if isinstance(evidence, Evidence) else evidence
-            )
-        read.append(None if isinstance(codeword, Rejected) or codeword.quarter_turns else codeword.id)
+        outcome = reader.read(history, seen)
+        history = outcome.history
+        identity = outcome.identity
+        upright = isinstance(identity, Identity) and identity.reading.quarter_turns == 0
+        read.append(identity.reading.id if isinstance(identity, Identity) and upright else None)
     return read
 
 

@@ -17,10 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected
 from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.locate import Locator
+from ledpi.decode.observation import Observation
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor, uneven_gains
 from ledpi.simulate.trajectory import Still, facing_camera
@@ -40,7 +42,8 @@ class View:
     """Pictures of one steady panel from one place."""
 
     distance_m: float
-    shots: tuple[tuple[CellSamples, Frame], ...]  # noise is all that differs
+    cells: int
+    shots: tuple[Observation, ...]  # noise is all that differs
 
 
 def view_panel(sensor: SimulatedSensor, cells: int, side_m: float, distance_m: float) -> View | Rejected:
@@ -50,7 +53,7 @@ def view_panel(sensor: SimulatedSensor, cells: int, side_m: float, distance_m: f
     seen = scene_truth(scene, 0)
     if not seen:
         return Rejected(stage="cells", reason="too_small")
-    quad = Quad(corners_px=seen[0].corners_px)
+    locator = Locator(cells, (scene.panels[0].spec,), None, must_blink=False)
     shots = []
     for seq in range(STREAM_FRAMES):
         pixels = np.empty((lens.height, lens.width), np.uint8)
@@ -65,11 +68,12 @@ def view_panel(sensor: SimulatedSensor, cells: int, side_m: float, distance_m: f
             analogue_gain=sensor.gain,
             host_offset_ns=0,
         )
-        samples = sample_cells(frame, quad, cells)
-        if isinstance(samples, Rejected):
-            return samples
-        shots.append((samples, frame))
-    return View(distance_m=distance_m, shots=tuple(shots))
+        quad = locator.localise(frame, seen[0].corners_px)
+        shown = quad if isinstance(quad, Rejected) else locator.observe(frame, quad, sampled=False)
+        if isinstance(shown, Rejected):
+            return shown
+        shots.append(shown)
+    return View(distance_m=distance_m, cells=cells, shots=tuple(shots))
 
 
 def _steady_scene(sensor: SimulatedSensor, cells: int, side_m: float, distance_m: float) -> Scene:
@@ -98,14 +102,14 @@ def evidence_of(view: View, spec: PanelSpec, *, frames: int, frame_length_rows: 
 
     A panel that it could not fit at all gives information 0.
     """
-    memory = PanelMemory(spec)
-    for seq, (samples, frame) in enumerate(view.shots[:frames]):
-        readout_ns = round(seq * frame_length_rows * frame.row_time_us * 1e3)
-        memory, _ = memory.add_frame(samples, replace(frame, row0_readout_ns=readout_ns))
-    known = memory.evidence()
+    memory, weigher = PanelMemory(spec), LightWeigher(view.cells, None)
+    for seq, shown in enumerate(view.shots[:frames]):
+        readout_ns = round(seq * frame_length_rows * shown.frame.row_time_us * 1e3)
+        memory, _ = memory.add_frame(shown._replace(frame=replace(shown.frame, row0_readout_ns=readout_ns)), weigher)
+    known = memory.evidence(weigher)
     if isinstance(known, Evidence):
         return known
-    shape = (len(view.shots[0][0].light), 2 * len(spec.waves_hz))
+    shape = (view.cells**2, 2 * len(spec.waves_hz))
     return Evidence(
         score=np.zeros(shape), information=np.zeros(shape * 2), prior=np.full(shape[1], 1e-12), residual=0.0
     )

@@ -23,7 +23,7 @@ from ledpi.core.geometry import quaternion_from_matrix
 from ledpi.core.records import Detection, Floats, MarkerPose, Pixels, PlanarSolution, Pose
 from tests.builders.api import INTRINSICS, LENS, ROW_TIME_US, pictures
 
-NEAR_M, FAR_M = 1.0, 2.5  # FAR_M takes more than one picture
+NEAR_M, FAR_M = 1.0, 3.0  # FAR_M takes more than one picture
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from ledpi.decode.evidence.classes import band_shares, flip_classes
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import Reading, decide, read_codeword
-from ledpi.decode.identify.frequency_search import Observation, propose_frequencies
+from ledpi.decode.identify.frequency_search import propose_frequencies
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import (
@@ -30,7 +30,7 @@ from tests.builders.decode import (
     square,
     word,
 )
-from tests.builders.samples import samples_of
+from tests.builders.samples import observed, samples_of
 
 HZ = 1254.0  # of which 150 µs hold a fifth of a cycle, 10 ms twelve and a half
 ANTIPHASE = dataclasses.replace(SPEC, black_hz=HZ, white_hz=HZ, phase="antiphase")
@@ -208,8 +208,7 @@ def test_the_one_frequency_is_proposed() -> None:
     off = dataclasses.replace(ANTIPHASE, black_hz=1.01 * HZ, white_hz=1.01 * HZ)
     seen = []
     for frame in frames_of(60, 12, spec=off):
-        samples = samples_of(frame, square(310.3, 240.6, 60, 4))
-        seen.append(Observation(samples=samples, frame=frame))
+        seen.append(observed(frame, square(310.3, 240.6, 60, 4)))
     proposal = propose_frequencies(seen, ANTIPHASE, BOOK)
     assert proposal is not None
     assert proposal.measured

@@ -7,10 +7,10 @@ import dataclasses
 import pytest
 
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.frequency_search import Observation, Proposal, propose_frequencies
+from ledpi.decode.identify.frequency_search import Proposal, propose_frequencies
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import SPEC, Canvas, square, word
-from tests.builders.samples import samples_of
+from tests.builders.samples import observed, samples_of
 
 PERIOD_US = 16_969.7  # in which 1250 and 1262 Hz both advance by nearly 21 cycles, and 20 Hz by a third of one
 
@@ -29,8 +29,7 @@ def proposed(
         canvas = Canvas()
         canvas.panel(corners, word(7), light=0.4, spec=shown, start_us=n * period_us)
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * period_us))
-        samples = samples_of(frame, corners)
-        seen.append(Observation(samples=samples, frame=frame))
+        seen.append(observed(frame, corners)._replace(samples=samples_of(frame, corners)))
     dictionary = load_dictionary("DICT_4X4_50")
     return propose_frequencies(seen, spec, Codebook.build(range(50), dictionary, spec))
 
@@ -85,8 +84,7 @@ def test_a_lamp_has_no_frequencies() -> None:
         canvas = Canvas()
         canvas.lamp(corners, 0.4)
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
-        samples = samples_of(frame, corners)
-        seen.append(Observation(samples=samples, frame=frame))
+        seen.append(observed(frame, corners)._replace(samples=samples_of(frame, corners)))
     assert propose_frequencies(seen, SPEC, Codebook.build(range(50), load_dictionary("DICT_4X4_50"), SPEC)) is None
 
 

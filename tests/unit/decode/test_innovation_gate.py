@@ -38,9 +38,12 @@ def test_a_frame_without_bands_denies_them_by_five_nats(information: float, deni
     assert contradicts(frame_with(np.zeros((16, 4)), information), bands(WHITE)) is denied
 
 
-@pytest.mark.parametrize(("swapped", "denied"), [(1, False), (2, True)])
+@pytest.mark.parametrize(("swapped", "denied"), [(2, False), (3, True)])
 def test_a_frame_with_bands_in_other_cells_denies_them_by_sixteen_nats(swapped: int, denied: bool) -> None:
-    """Each cell that is of the other class would be so by ½ · 2 · 0.5² · 40 = 10; the rest are as they were."""
+    """And by a sixteenth of what all of them show, 16 · ½ · 0.5² · 40 = 80: by how far cells' bands differ.
+
+    Each cell that is of the other class would be so by ½ · 2 · 0.5² · 40 = 10; the rest are as they were.
+    """
     assert contradicts(frame_with(bands(WHITE ^ (np.arange(16) < swapped)), 40.0), bands(WHITE)) is denied
 
 

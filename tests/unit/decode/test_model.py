@@ -22,6 +22,7 @@ from ledpi.decode.model.prior import (
     RIM,
     SHAPE,
     SMEAR,
+    turned_unknown,
 )
 from tests.builders.decode import LENS, PHASES, SPEC, TRUE_10_MS_US, Canvas, reason, seen_through, square, word
 from tests.builders.model import Panel, nees, places_of, projected, window_of
@@ -352,3 +353,16 @@ def test_where_nothing_is_brighter_there_is_no_window() -> None:
     assert Window.crop(Canvas(background=0.0).frame(None), square(300, 200, 60), 0.1) is None
     assert Window.crop(Canvas(background=0.3).frame(None), square(300, 200, 60), 0.1) is None
     assert Window.crop(Canvas().frame(None), square(2000, 200, 60), 0.1) is None
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_what_is_known_in_one_order_of_corners_is_known_in_another(turns: int) -> None:
+    """What a fit from corners in another order finds: walls, profile, gains and what is beside each side."""
+    gains = np.linspace(0.7, 1.3, 16).reshape(4, 4)
+    panel = Panel(corners=TRUE, gains=gains, hot_at=0.52, beside=(0.1, 0.2, 0.3, 0.4), rim=(0.01, 0.02, 0.03, 0.04))
+    window = window_of(panel.light(), noise=0.002)
+    known, other = fitted(panel, window, TRUE), fitted(panel, window, np.roll(TRUE, -turns, axis=0))
+    turned = turned_unknown(known.unknown, turns)
+    compared = np.r_[BLUR:PHASE, BESIDE:DEPTH, COMMON : len(turned) : OWN]
+    np.testing.assert_allclose(turned[compared], other.unknown[compared], atol=0.02)
+    assert np.abs(known.unknown - other.unknown)[compared].max() > 0.1

@@ -5,13 +5,14 @@ from __future__ import annotations
 import pytest
 
 from ledpi.core.records import Floats, Frame, Rejected
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.history import History, Identity
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import FALSE_ID_RATE
-from ledpi.decode.reader import Reader
+from ledpi.decode.reader import READ_EVERY, Reader
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, reason, square, word
-from tests.builders.samples import samples_of
+from tests.builders.samples import observed
 
 NEAR, FAR, FARTHER = (square(300.3, 200.6, side, 8.0) for side in (75, 36, 20))
 
@@ -27,7 +28,7 @@ CODEBOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 
 
 def reader_at(false_id_rate: float) -> Reader:
-    return Reader([CODEBOOK], false_id_rate)
+    return Reader([CODEBOOK], LightWeigher(4, None), false_id_rate)
 
 
 @pytest.fixture
@@ -41,9 +42,8 @@ def read_id(identity: Identity | Rejected) -> int | str:
 
 def further(reader: Reader, history: History, frame: Frame, where: Floats) -> tuple[History, Identity | Rejected]:
     """What is known once a frame was looked at there, and what it was read as."""
-    samples = samples_of(frame, where)
-    outcome = reader.read(history, samples, frame)
-    return reader.prepare_next(outcome.history, samples, frame), outcome.identity
+    outcome = reader.read(history, observed(frame, where))
+    return outcome.history, outcome.identity
 
 
 @pytest.mark.parametrize(("corners", "frames"), [(NEAR, 3), (FAR, 6)])
@@ -64,7 +64,7 @@ def test_a_square_that_was_taken_elsewhere_once_does_not_outlast_its_frame(
 
 def test_frames_are_kept_only_where_frequencies_are_searched_for(reader: Reader) -> None:
     """Else their sum is enough: a track would be ten times as large."""
-    searching = Reader([CODEBOOK], FALSE_ID_RATE, search_frequencies=True)
+    searching = Reader([CODEBOOK], LightWeigher(4, None), FALSE_ID_RATE, search_frequencies=True)
     for each, kept in ((reader, False), (searching, True)):
         history = History.empty((SPEC,))
         for seq in range(5):
@@ -94,11 +94,11 @@ def test_of_frames_that_told_nothing_from_the_first_the_next_good_one_tells_with
 
 
 def test_a_frame_that_tells_nothing_is_left_out_of_what_was_known(reader: Reader) -> None:
-    """Three frames have shown a panel; a fourth was taken a cell aside, in the fifth it is there again."""
+    """Three frames have shown a panel; a fourth was taken most of a cell aside, in the fifth it is there again."""
     history = History.empty((SPEC,))
     for seq in range(3):
         history, _ = further(reader, history, panel_frame(seq, NEAR), NEAR)
-    uninformative, _ = further(reader, history, panel_frame(3, NEAR), NEAR + (NEAR[1] - NEAR[0]) / 4)
+    uninformative, _ = further(reader, history, panel_frame(3, NEAR), NEAR + (NEAR[1] - NEAR[0]) / 5)
     assert uninformative.memories is history.memories
     assert (uninformative.uninformative, uninformative.last, uninformative.identity) == (1, history.last, None)
     told, _ = further(reader, uninformative, panel_frame(4, NEAR), NEAR)
@@ -116,12 +116,13 @@ def test_what_was_read_stays_so_by_less_than_a_first_reading_asks_for(marker_id:
     history = History.empty((SPEC,))
     for seq in range(2):
         frame = panel_frame(seq, FARTHER)
-        history = reader.read(history, samples_of(frame, FARTHER), frame).history
+        history = reader.read(history, observed(frame, FARTHER)).history
     assert history.identity is not None
     last = history.identity._replace(reading=history.identity.reading._replace(id=marker_id))
     frame = panel_frame(2, FARTHER)
-    assert read_id(strict.read(history.identify_as(last), samples_of(frame, FARTHER), frame).identity) == still
+    due = history.identify_as(last)._replace(matched=READ_EVERY)
+    assert read_id(strict.read(due, observed(frame, FARTHER)).identity) == still
     assert (
-        read_id(strict.read(history.clear_identity(), samples_of(frame, FARTHER), frame).identity)
+        read_id(strict.read(history.clear_identity(), observed(frame, FARTHER)).identity)
         == "identify.not_in_dictionary"
     )

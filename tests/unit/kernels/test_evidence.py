@@ -12,7 +12,6 @@ from ledpi.core.records import Frame, PanelSpec
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import BandEstimate, estimate_bands
 from ledpi.decode.evidence.classes import band_shares
-from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence, weighed
 from ledpi.decode.evidence.waves import class_waves
@@ -105,25 +104,6 @@ def test_light_that_is_no_number_is_no_evidence() -> None:
     light = samples.light.copy()
     light[3, 4] = np.nan
     assert single_evidence(dataclasses.replace(samples, light=light), frame, SPEC) == UNFIT
-
-
-@pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["two waves", "one wave"])
-@pytest.mark.parametrize("holes", [False, True], ids=["whole", "with holes"])
-def test_the_evidence_of_a_comparison(spec: PanelSpec, *, holes: bool) -> None:
-    """Of a frame with the mean of those before, which some samples were not seen in."""
-    samples, frame = seen(60.0)
-    rng = np.random.default_rng(3)
-    count = np.where(rng.random(samples.light.shape) < 0.05, 0.0, 4.0).astype(np.float32)
-    picture = samples.light / samples.light.mean() * (1 + 0.01 * rng.standard_normal(samples.light.shape, np.float32))
-    mean = Mean(picture=picture, count=count, waves=class_waves(samples, frame, spec, 0.1))
-    given = with_holes(samples) if holes else samples
-    waves = class_waves(given, frame, spec)
-    scale, evidence = compared_evidence(given, frame, spec, waves, mean)
-    true_scale, score, information = reference.compared_evidence(given, waves, mean)
-    assert scale == pytest.approx(true_scale, rel=1e-5)
-    assert isinstance(evidence, Evidence)
-    for mine, theirs in ((evidence.score, score), (evidence.information, information)):
-        np.testing.assert_allclose(mine.ravel(), theirs.ravel(), atol=2e-3 * float(np.abs(theirs).max()))
 
 
 def test_waves_are_cosine_and_sine() -> None:

@@ -1,0 +1,176 @@
+"""What a fitted panel's light says of the bands in each of its cells, by the equation that the fit solves.
+
+In C (kernels/panel_evidence.c). Of a frame alone, or the mean of several, all that the fit does not know is eliminated:
+corners, blur, walls, gains, and one free profile that all cells share. A frame that is compared with the mean of those
+before differs from it by its bands, by what moves, and by the light's level, so the static picture need not be known.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.core.records import Floats, Intrinsics, PanelSpec, Singles
+from ledpi.decode.evidence.erasures import UNLIT, erase_cells
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.waves import band_prior
+from ledpi.decode.model.fit import pitch_px_of, solver_view
+from ledpi.decode.model.light import waves
+from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, prior
+from ledpi.decode.observation import Observation
+from ledpi.kernels.lens import bending_lens_of
+from ledpi.kernels.library import NONE, lib
+from ledpi.kernels.panel import Weigher
+
+# Samples along a cell, one a pixel but for these: fewer tell no bands from gains, more no more.
+FEWEST_EACH = 3
+MOST_EACH: int = lib.LEDPI_MOST_EACH
+SAME_GRID = 0.15  # by how much a panel may grow or shrink and keep its grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mean:
+    """The light of some frames of one panel on one grid, and what their waves were there."""
+
+    light: Singles  # (lines, lines) over the panel's own
+    count: Singles  # (lines, lines) how many frames tell it
+    waves: Singles  # (P, lines, lines) cosine and sine of each wave
+    built: Floats  # what does not change from frame to frame, as the unknowns have it
+
+    @property
+    def each(self) -> int:
+        """Samples along a cell."""
+        return len(self.light) // self.cells
+
+    @property
+    def cells(self) -> int:
+        """Along a side."""
+        return math.isqrt((len(self.built) - COMMON) // OWN)
+
+    def add(self, frame: Mean, most_frames: float) -> Mean:
+        """The mean with a further frame; it remembers `most_frames`."""
+        total = self.count + frame.count
+        share = np.where(frame.count > 0, 1.0 / np.maximum(total, 1.0), 0.0).astype(np.float32)
+        return Mean(
+            light=self.light + (frame.light - self.light) * share,
+            count=np.minimum(total, np.float32(most_frames)),
+            waves=self.waves + (frame.waves - self.waves) * share,
+            built=frame.built,
+        )
+
+
+class LightWeigher:
+    """Weighs the light of panels of `cells` × `cells`, in room that it keeps."""
+
+    def __init__(self, cells: int, intrinsics: Intrinsics | None) -> None:
+        self._cells, self._intrinsics = cells, intrinsics
+        self._lens = bending_lens_of(intrinsics)
+        self._weigher = Weigher()
+
+    def alone(self, seen: Observation, spec: PanelSpec, since_s: float = 0.0) -> Evidence | None:
+        """The evidence of one frame; None where it is too little to tell bands.
+
+        `since_s`: from the moment that bands are counted from to its row 0.
+        """
+        return self._weigh(seen, spec, since_s, self._each(seen), None)[1]
+
+    def first(self, seen: Observation, spec: PanelSpec, since_s: float) -> Mean:
+        """A first frame to compare others with; `since_s` as above."""
+        return self._weigh(seen, spec, since_s, self._each(seen), None)[0]
+
+    def compare(self, seen: Observation, spec: PanelSpec, since_s: float, mean: Mean) -> tuple[Mean, Evidence | None]:
+        """A further frame, shifted to where the mean is, and the evidence of how it differs from that."""
+        frames = float(mean.count.max())
+        built = mean.built + (seen.unknown - mean.built) / (frames + 1.0)
+        return self._weigh(seen, spec, since_s, mean.each, mean, built=built, compared=True)
+
+    def of_mean(self, seen: Observation, spec: PanelSpec, mean: Mean) -> Evidence | None:
+        """The evidence of the mean picture, read as one frame; `seen` is its newest."""
+        return self._weigh(seen, spec, 0.0, mean.each, mean, built=mean.built)[1]
+
+    def is_comparable(self, seen: Observation, mean: Mean) -> bool:
+        """Whether the panel's size in the picture still suits the mean's grid."""
+        return abs(self._each(seen) - mean.each) <= max(1.0, SAME_GRID * mean.each)
+
+    def _each(self, seen: Observation) -> int:
+        pitch = pitch_px_of(seen.lattice_px / seen.window.shrink, self._cells)
+        return min(MOST_EACH, max(FEWEST_EACH, round(math.sqrt(pitch[0] * pitch[1]))))
+
+    def _weigh(
+        self,
+        seen: Observation,
+        spec: PanelSpec,
+        since_s: float,
+        each: int,
+        mean: Mean | None,
+        *,
+        built: Floats | None = None,
+        compared: bool = False,
+    ) -> tuple[Mean, Evidence | None]:
+        cells, count, frame, window = self._cells, len(spec.waves_hz), seen.frame, seen.window
+        steps_px = [pitch / each for pitch in pitch_px_of(seen.lattice_px / window.shrink, cells)]
+        unknown = seen.unknown if built is None else np.where(_built_in(cells), built, seen.unknown)
+        lines = (np.arange(cells * each) + 0.5) / each
+        shape, parameters = (len(lines), len(lines)), 2 * count
+        light, tells, wave = (np.zeros(of, np.float32) for of in (shape, shape, (parameters, *shape)))
+        score, information = np.empty((cells**2, parameters)), np.empty((cells**2, parameters) * 2)
+        found, weighed = self._weigher.weigh(
+            {
+                **solver_view(window, self._intrinsics, self._lens),
+                "cells": cells,
+                "waves": waves(spec, frame.exposure_us, frame.row_time_us, window.shrink),
+                "cycles_a_row": tuple(hz * frame.row_time_us * 1e-6 for hz in (spec.black_hz, spec.white_hz)),
+                "lines": len(lines),
+                "along": lines,
+                "prior": self._prior(steps_px, each, frame.exposure_us, compared=compared),
+                "banded": True,
+                "corners": seen.lattice_px.reshape(-1).tolist(),
+                "unknown": unknown,
+            },
+            waves=count,
+            cycles_before=[math.fmod(hz * since_s, 1.0) for hz in (spec.black_hz, spec.white_hz)],
+            step_px=steps_px,
+            mean_light=NONE if mean is None else mean.light,
+            mean_count=NONE if mean is None else mean.count,
+            mean_wave=NONE if mean is None else mean.waves,
+            compared=compared,
+            light=light,
+            tells=tells,
+            wave=wave,
+            score=score,
+            information=information,
+        )
+        picture = Mean(light=light, count=tells, waves=wave, built=unknown)
+        return picture, self._evidence(seen, spec, unknown, score, information, weighed) if found else None
+
+    def _prior(self, steps_px: list[float], each: int, exposure_us: float, *, compared: bool) -> Floats:
+        """What is known beforehand; of frames that are compared, that nothing differs that is built into the panel."""
+        across, down = (round(max(1.0, min(each, each * step)), 1) for step in steps_px)
+        given = prior(self._cells, (across, down), exposure_us, even=False, faint=True)
+        if not compared:
+            return given
+        mean, precision = given
+        return np.stack([mean, np.where(_built_in(self._cells), NEVER**-2.0, precision)])
+
+    def _evidence(
+        self, seen: Observation, spec: PanelSpec, unknown: Floats, score: Floats, information: Floats, weighed: Any
+    ) -> Evidence:
+        gains = unknown[COMMON::OWN]
+        evidence = Evidence(
+            score=score / weighed.inflation,
+            information=information / weighed.inflation,
+            prior=band_prior(seen.frame, spec),
+            residual=0.5 * weighed.freedom / weighed.inflation,
+        )
+        return erase_cells(evidence, np.asarray(gains < UNLIT * gains.mean()))
+
+
+def _built_in(cells: int) -> NDArray[np.bool_]:
+    """(unknowns,) those that do not change while a panel is looked at."""
+    out = np.ones(COMMON + OWN * cells**2, np.bool_)
+    out[:COMMON] = BUILT_IN
+    return out

@@ -1,0 +1,44 @@
+/* The evidence of a panel's light under way: what panel_evidence.c and panel_noise.c share. */
+#ifndef LEDPI_PANEL_EVIDENCE_H
+#define LEDPI_PANEL_EVIDENCE_H
+
+#include "panel_fit.h"
+
+enum {
+    MOST_EACH = LEDPI_MOST_EACH, LINES = MOST_EACH * MOST_CELLS, /* of the grid: along a cell, and in all */
+    FREE = 5, MOST_FREE = FREE * MOST_CELLS * MOST_CELLS, /* of a cell: its gain, cosine and sine of either wave; of all */
+    MOST_SUMS = DENSE + MOST_FREE, /* a multiple of LEDPI_WIDTH */
+};
+
+/* The cells that meet at a sample, its slopes by their FREE, and the light that they show there without bands; none where the
+ * sample tells nothing. */
+typedef struct {
+    int count;
+    ptrdiff_t cell[4];
+    float by[4][FREE], shown;
+} Met;
+
+/* Sums over the grid: products of the samples' columns (COMMON, residual, padding) and the cells' FREE; and, at each place of a
+ * cell, of what is shown there times all of these, over its norm: what their products explain is `shared2`. All samples are
+ * over their deviation, as `root` says; `share`: what of each its cell's FREE take. */
+typedef struct {
+    float columns[LINES][LINES][DENSE], left[LINES][LINES], root[LINES][LINES], share[LINES][LINES][FREE];
+    Met met[LINES][LINES];
+    float common[DENSE * DENSE], mixed[MOST_FREE][DENSE], own[MOST_FREE * MOST_FREE];
+    float shared[MOST_EACH * MOST_EACH * MOST_SUMS], shared2[MOST_SUMS * MOST_SUMS];
+    double matrix[MOST_SUMS * (MOST_SUMS + 1)], solution[MOST_SUMS];
+    ptrdiff_t samples, places;
+    double fitted; /* how many unknowns the samples decide, and not what is known beforehand */
+} Sums;
+
+typedef struct {
+    Fitting fit;
+    const PanelEvidence *asked;
+    ptrdiff_t each, free, frees, width; /* samples along a cell; of a cell's FREE those that are sought; of all cells; DENSE with
+                                         * these, padded */
+} Weighing;
+
+/* By how much bands meet more noise than if it were not alike in samples near each other (panel_noise.c). */
+double ledpi_noise_inflation(const Weighing *w, Sums *sums);
+
+#endif
