@@ -1,7 +1,7 @@
 """Reads a panel: adds a frame to its history, and decides on a codeword from all frames of its track.
 
-Three questions, each asked only if the one before stays open. Does the frame match the prediction? Which codeword do
-all frames together show? And if none: do they show one at other frequencies than the configured ones?
+Three questions, each asked only if the one before stays open. Does the frame clearly show what was read? Which
+codeword do all frames together show? And if none: do they show one at other frequencies than the configured ones?
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ledpi.decode.identify.innovation_gate import (
 )
 from ledpi.decode.observation import Observation
 
-# Frames that match the prediction are not read again, but for one of eight: by then a panel may look a little
+# Frames that clearly show what was read are not read again, but for one of eight: by then a panel may look a little
 # different, and the margin has grown.
 READ_EVERY = 8
 # Hysteresis: an ID is kept while its odds are those of this rate, 4.8 nats and not 11.3. Otherwise a codeword that has
@@ -41,8 +41,8 @@ TUNE_EVERY = 4
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
 
-# A frame is also read by itself if its comparison adds less than this share of the usual log-likelihood ratio, or if it
-# contradicts the prediction: that detects another panel's codeword at once. (It is less reliable if a part of the panel
+# A frame is also read by itself if its comparison adds less than this share of the usual log-likelihood ratio, or if
+# cells of the other class outweigh the rest: that detects another panel's codeword at once. (It is less reliable if a part of the panel
 # is occluded.) Below the share UNLIKE it must confirm the identity by itself: it differs so much from earlier frames
 # that their residual is no measure of noise. (Or it has the very same phases.)
 TYPICAL_SHARE, UNLIKE = 0.5, 0.25
