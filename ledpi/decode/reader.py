@@ -42,9 +42,9 @@ TUNE_EVERY = 4
 ADDS_UP_FRAMES = 4
 
 # A frame is also read by itself if its comparison adds less than this share of the usual log-likelihood ratio, or if
-# cells of the other class outweigh the rest: that detects another panel's codeword at once. (It is less reliable if a part of the panel
-# is occluded.) Below the share UNLIKE it must confirm the identity by itself: it differs so much from earlier frames
-# that their residual is no measure of noise. (Or it has the very same phases.)
+# cells of the other class outweigh the rest: that detects another panel's codeword at once. (It is less reliable if a
+# part of the panel is occluded.) Below the share UNLIKE it must confirm the identity by itself: it differs so much from
+# earlier frames that their residual is no measure of noise. (Or it has the very same phases.)
 TYPICAL_SHARE, UNLIKE = 0.5, 0.25
 INNOVATION = Rejected(stage="track", reason="innovation")
 
