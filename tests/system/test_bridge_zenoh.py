@@ -101,14 +101,18 @@ def test_every_pose_arrives_with_its_covariance_and_tf(tmp_path: Path) -> None:
     certain = [line["markers"][0] for line in told if line["markers"] and line["markers"][0]["alternate"] is None]
     offset_ns = time.time_ns() - time.monotonic_ns()
     assert len(certain) > 15
-    found = []
-    for pose in poses:
-        stamp = pose["header"]["stamp"]
+
+    def of_tap(message: dict[str, Any]) -> int:
+        """The place among `certain` of what was exposed when `message` was."""
+        stamp = message["header"]["stamp"]
         exposed_ns = stamp["sec"] * 10**9 + stamp["nanosec"] - offset_ns
-        found.append(min(range(len(certain)), key=lambda k, at_ns=exposed_ns: abs(certain[k]["exposed_ns"] - at_ns)))
-        np.testing.assert_allclose(pose["pose"]["covariance"], certain[found[-1]]["covariance"], rtol=1e-12)
-    assert len(found) > 3
-    for arrived in (poses, transforms):  # once it was discovered, all that the bridge has not replaced by newer ones
-        assert len(certain) - found[0] - replaced <= len(arrived) <= len(certain)
+        return min(range(len(certain)), key=lambda k: abs(certain[k]["exposed_ns"] - exposed_ns))
+
+    for pose in poses:
+        np.testing.assert_allclose(pose["pose"]["covariance"], certain[of_tap(pose)]["covariance"], rtol=1e-12)
+    assert len(poses) > 3
+    for arrived in (poses, [transform for (transform,) in transforms]):
+        # Each topic is discovered by itself. From then on all arrives that the bridge has not replaced by newer ones.
+        assert len(certain) - of_tap(arrived[0]) - replaced <= len(arrived) <= len(certain)
     assert {transform["child_frame_id"] for (transform,) in transforms} == {"panel_7"}
     assert {each["node"] for each in heard} == {"ledpi"}

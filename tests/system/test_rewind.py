@@ -163,14 +163,14 @@ daemon.Observers = scant
 def test_where_the_system_has_no_memory_for_it_poses_go_on(takes: Path) -> None:
     """The journal says that nothing is kept; who asks for it hears so."""
     command = [*COMMAND[:2], SCANT + COMMAND[2], *COMMAND[3:]]
-    settings = ("panels.side_m=0.16", "camera.source=simulated", "rewind.seconds=10", "rewind.memory_mb=1000")
+    settings = (*SIMULATED, "rewind.seconds=100", "rewind.memory_mb=1000")
     with controller() as line, daemon(*settings, f"serial.port={line.port}", command=command) as process:
         has_seen(line, 20)
         process.send_signal(signal.SIGUSR1)
         has_seen(line, 40)
         ended = end(process, signal.SIGTERM)
     assert ended.status == 0
-    assert any("rewind_short seconds=0 wanted=10 memory_mb=0" in entry for entry in ended.log)
+    assert any("rewind_short seconds=0 wanted=100 memory_mb=0" in entry for entry in ended.log)
     assert any("rewind_failed" in entry for entry in ended.log)
     assert not takes.exists()
 
