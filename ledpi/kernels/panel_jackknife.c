@@ -11,10 +11,13 @@
 
 #define MOST_LEVERAGE 0.95 /* rounding could make it 1; what one cell alone tells no other one contradicts */
 
+/* A number for each of the eight coordinates: eight also where the processor's own vectors hold four. */
+typedef float Coordinates __attribute__((vector_size(32), aligned(4)));
+
 /* Of all eight coordinates side by side. */
 typedef struct {
-    Eight influence[MOST_UNKNOWN]; /* in the matrix's order, each cell's own first */
-    Eight moved[MOST_CELLS * MOST_CELLS], leverage[MOST_CELLS * MOST_CELLS];
+    Coordinates influence[MOST_UNKNOWN]; /* in the matrix's order, each cell's own first */
+    Coordinates moved[MOST_CELLS * MOST_CELLS], leverage[MOST_CELLS * MOST_CELLS];
     double variance[8];
 } Jackknife;
 
@@ -45,7 +48,7 @@ static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdi
     for (int lane = 0; lane < lanes; lane++) {
         Owned met[4];
         if (!s->tells[lane]) continue;
-        Eight by = {0};
+        Coordinates by = {0};
         for (int k = 0; k < COMMON; k++) by += s->by[k][lane] * out->influence[fit->owns + k];
         const int count = ledpi_panel_met(s, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
         for (int m = 0; m < count; m++)

@@ -12,6 +12,7 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from benchmarks.speed import counting
@@ -165,6 +166,18 @@ def test_the_wheel_for_arm_decodes_alike(dist: Path, take: Path, tmp_path: Path)
     run(sys.executable, "-m", "ledpi", "simulate", short, *drawn)
     for options in (["--single-frame", take], ["--single-frame", short], [short]):
         check_decoded(run(ROOT / "scripts/emulated-aarch64", wheel(dist, "aarch64"), "decode", *options))
+
+
+@slow
+def test_the_wheel_for_arm_is_as_certain(dist: Path, take: Path) -> None:
+    """Of a first frame's pose: its covariance is that of the wheel for x86-64, but for rounding."""
+    options = ["decode", "--single-frame", str(take)]
+    printed = (
+        run(ROOT / "scripts/emulated-aarch64", wheel(dist, "aarch64"), *options),
+        run(sys.executable, "-m", "ledpi", *options),
+    )
+    arm, other = ([frame["markers"][0]["covariance"][::7] for frame in frames(each)] for each in printed)
+    assert np.sqrt(arm) == pytest.approx(np.sqrt(other), rel=0.02)
 
 
 @slow
