@@ -13,10 +13,11 @@ static const ptrdiff_t AROUND[] = {8, 4};
 enum { WIDEST = 8, PAD = 16 };
 #define CONTRAST 4 /* grey levels: twice what read-out noise leaves of a mean over a few pixels */
 #define MIN_SEEN 0.6 /* of the cells: others may be dead, hidden, or one with their neighbours */
+#define MIN_FULL 0.5 /* of a cell's area: walls of up to a fifth of a cell, and what blur takes of it at either side */
 enum { MOST_LEDS = 3 }; /* along a cell: each may be seen by itself */
 enum { PASSES = 3 }; /* in which a homography's weights settle */
 enum { BESIDE = 2 }; /* rows of other spots that may continue a lattice of cells: one on each side */
-enum { MOST_RUNS = 40000, MOST_BLOBS = 1500, MOST_LATTICES = 12 }; /* of a picture: what has more is texture */
+enum { MOST_RUNS = 40000, MOST_BLOBS = 1500, MOST_LATTICES = 400 }; /* of a picture: what has more is texture */
 enum { SPAN_NODES = LEDPI_LATTICE_SPAN * LEDPI_LATTICE_SPAN, NUMBERS = 8 };
 
 typedef struct {
@@ -80,7 +81,7 @@ LEDPI_SIMD_BYTES static void put_lit(const PyramidPicture *from, ptrdiff_t reach
 /* Nodes of a lattice, and where they are seen; both about their mean, in deviations. */
 typedef struct {
     ptrdiff_t count, node[2][SPAN_NODES], low[2], high[2];
-    double at[2][SPAN_NODES], mean[2][2], spread[2]; /* mean: of nodes, of places; spread likewise */
+    double at[2][SPAN_NODES], area[SPAN_NODES], mean[2][2], spread[2]; /* mean: of nodes, of places; spread likewise */
 } Nodes;
 
 static Nodes nodes_of(const int32_t *lattice, const Blob *blobs) {
@@ -96,7 +97,7 @@ static Nodes nodes_of(const int32_t *lattice, const Blob *blobs) {
             n.high[axis] = node[axis] > n.high[axis] ? node[axis] : n.high[axis];
             sums[0][axis] += (double)node[axis], sums[1][axis] += at[axis];
         }
-        n.count++;
+        n.area[n.count++] = blobs[lattice[k]].area;
     }
     for (int of = 0; of < 2; of++)
         for (int axis = 0; axis < 2; axis++) n.mean[of][axis] = sums[of][axis] / (double)n.count;
@@ -174,13 +175,30 @@ static bool put_corners(const Nodes *n, const Part *part, double scale, double c
     return true;
 }
 
+/* How many of a part's nodes are seen, and their area. */
+static ptrdiff_t seen_in(const Nodes *n, const Part *part, double *area) {
+    ptrdiff_t seen = 0;
+    *area = 0.0;
+    for (ptrdiff_t k = 0; k < n->count; k++)
+        if (is_in(n, part, k)) *area += n->area[k], seen++;
+    return seen;
+}
+
+/* Tells whether cells of this area, in pixels of `scale`, fill a panel with these corners but for their walls. */
+static bool are_full(double area, ptrdiff_t seen, ptrdiff_t side, double scale, double corners[4][2]) {
+    const double *a = corners[0], *b = corners[1], *c = corners[2], *d = corners[3];
+    const double all = 0.5 * ((c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1])) / (scale * scale);
+    return area * (double)(side * side) > MIN_FULL * all * (double)seen;
+}
+
 /* Adds the corners of each panel that a lattice of its cells, or of the LEDs in them, may be: several where rows are not seen, or
- * where something continues them. A larger lattice of LEDs is none: it has so many rows that chance continues none of them.
+ * where something continues them. Of a panel before what is as bright only the inner cells may be seen, as nothing parts the others
+ * from it; these are full then. A larger lattice of LEDs is none: it has so many rows that chance continues none of them.
  * Returns how many. */
 static ptrdiff_t add_panels(const Nodes *n, ptrdiff_t cells, double scale, ptrdiff_t most, double (*found)[4][2]) {
     ptrdiff_t count = 0;
-    for (ptrdiff_t leds = 1; leds <= MOST_LEDS && (double)n->count >= MIN_SEEN * (double)(cells * leds * cells * leds); leds++) {
-        const ptrdiff_t side = cells * leds, few = side + (leds == 1 ? BESIDE : 0);
+    for (ptrdiff_t leds = 1; leds <= MOST_LEDS; leds++) {
+        const ptrdiff_t side = cells * leds, few = side + (leds == 1 ? BESIDE : 0), inner = leds == 1 ? cells - 2 : side;
         ptrdiff_t from[2], to[2];
         for (int axis = 0; axis < 2; axis++) {
             const ptrdiff_t low = n->low[axis], end = n->high[axis] - side + 1;
@@ -189,11 +207,12 @@ static ptrdiff_t add_panels(const Nodes *n, ptrdiff_t cells, double scale, ptrdi
         }
         for (ptrdiff_t x = from[0]; x <= to[0]; x++)
             for (ptrdiff_t y = from[1]; y <= to[1]; y++) {
-                const Part part = {{x, y}, side};
-                ptrdiff_t seen = 0;
-                for (ptrdiff_t k = 0; k < n->count; k++) seen += is_in(n, &part, k);
-                if ((double)seen < MIN_SEEN * (double)(side * side)) continue;
-                if (count < most && put_corners(n, &part, scale, found[count])) count++;
+                const Part part = {{x, y}, side}, within = {{x + 1, y + 1}, inner};
+                double area, inner_area = 0.0;
+                const bool is_seen = (double)seen_in(n, &part, &area) >= MIN_SEEN * (double)(side * side);
+                if (!is_seen && seen_in(n, &within, &inner_area) < inner * inner) continue;
+                if (count == most || !put_corners(n, &part, scale, found[count])) continue;
+                count += is_seen || are_full(inner_area, inner * inner, side, scale, found[count]);
             }
     }
     return count;
@@ -225,7 +244,7 @@ ptrdiff_t ledpi_lattice_squares(const PyramidPicture *pictures, ptrdiff_t count,
             put_lit(seen, AROUND[around], (uint16_t *)(room + sums_at), lit);
             const ptrdiff_t blobs = ledpi_blobs(lit, seen->height, seen->width, 2.0 * width * width, MOST_RUNS, own->runs, own->sums,
                                                 MOST_BLOBS, own->blobs);
-            const ptrdiff_t lattices = ledpi_lattices(own->blobs, blobs, (ptrdiff_t)(MIN_SEEN * (double)(cells * cells)), own->used,
+            const ptrdiff_t lattices = ledpi_lattices(own->blobs, blobs, (cells - 2) * (cells - 2), own->used,
                                                       MOST_LATTICES, own->lattices[0]);
             for (ptrdiff_t k = 0; k < lattices; k++) {
                 const Nodes nodes = nodes_of(own->lattices[k], own->blobs);

@@ -197,6 +197,15 @@ def test_where_most_cells_are_seen_comes_first() -> None:
     assert off_by(lattices_of(picture)[0], corners) < 0.05
 
 
+def test_of_inner_cells_alone_only_full_ones_make_a_panel() -> None:
+    """Spots that leave a cell mostly dark would all be seen by themselves."""
+    corners = square(310, 240, 100)
+    inner = middles(corners).reshape(4, 4, 2)[1:3, 1:3].reshape(-1, 2)
+    assert lattices_of(blobs(inner, 8.0)) == []
+    (found,) = lattices_of(blobs(inner, 11.0))[:1]
+    assert off_by(found, corners) < 0.05
+
+
 def test_other_things_beside_it_do_not_matter() -> None:
     """Specks and spots of other sizes, wherever they fall."""
     corners, rng = square(310, 240, 100, 20), np.random.default_rng(4)
