@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,16 +37,16 @@ class Agenda:
     middles: Floats = field(default_factory=lambda: np.empty((0, 2)))  # of what was tried, (N, 2)
     turns: Integers = field(default_factory=lambda: np.empty(0, np.int64))  # when, (N,)
 
-    def is_due(self, *, all_detected: bool, any_detected: bool = False) -> bool:
-        """Tell whether the picture is searched, by how many of the known panels it has shown where expected."""
+    def is_due(self, panels_shown: Sequence[bool]) -> bool:
+        """Tell whether the picture is searched, by which of the known panels it has shown where expected."""
         self.since_search += 1
-        if all_detected:
+        missing = not panels_shown or not all(panels_shown)
+        wait = min(1 + self.in_vain, SEARCH_EVERY) if any(panels_shown) else 1
+        if not missing:
             self.in_vain, wait = 0, SEARCH_EVERY
-        else:
-            wait = min(1 + self.in_vain, SEARCH_EVERY) if any_detected else 1
         due = self.since_search >= wait
         if due:
-            self.in_vain += not all_detected
+            self.in_vain += missing
             self.since_search = 0
             self.turn += 1
         return due

@@ -1,12 +1,8 @@
-"""The history of a track's panel: a record, and every way in which a frame may change it.
-
-A panel is not read yet (`last` is None), read (`identity`), or was read and is not confirmed at the moment
-(`uninformative` frames since `last`). If it turns out to be another thing, the history begins again with that frame.
-"""
+"""The history of a track's panel: its state, and the frames that have led to it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from ledpi.core.records import PanelSpec
@@ -16,6 +12,7 @@ from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.frequency_search import Proposal
 from ledpi.decode.observation import Observation
+from ledpi.decode.states import State
 
 SEARCH_FRAMES = 12  # that are kept to find a panel's frequencies from
 
@@ -33,45 +30,32 @@ class FrequencySearch(NamedTuple):
     observations: tuple[Observation, ...] = ()  # the last frames
     frames_since_try: int = 0  # frames since the last try
     found: Proposal | None = None
-    found_from: int = 0  # frames
-
-    @property
-    def settling(self) -> bool:
-        """Whether the frequencies were estimated from few frames: not exact enough to add up many more."""
-        return self.found is not None and self.found_from < SEARCH_FRAMES
+    settling: bool = False  # found in few frames: not exact enough to add up many more
 
     def add_frame(self, seen: Observation) -> FrequencySearch:
         """With one more frame."""
         observations = (*self.observations[1 - SEARCH_FRAMES :], seen)
         return self._replace(observations=observations, frames_since_try=self.frames_since_try + 1)
 
-    def mark_failed(self) -> FrequencySearch:
-        """After a search that found nothing."""
-        return self._replace(frames_since_try=0)
-
-    def mark_found(self, proposal: Proposal) -> FrequencySearch:
-        """After a search that found these frequencies."""
-        return self._replace(frames_since_try=0, found=proposal, found_from=len(self.observations))
-
 
 class History(NamedTuple):
     """What the frames of a track have shown."""
 
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
+    state: State = State.SEARCHING
+    frames_in_state: int = 0  # with the one that led to it, or since the last one that was read
     last: Identity | None = None  # what they were read as
-    uninformative: int = 0  # frames since then that added nothing, and are not in the memories
-    matched: int = 0  # frames since it was read last that clearly showed the same
     search: FrequencySearch = FrequencySearch()
 
     @classmethod
-    def empty(cls, specs: tuple[PanelSpec, ...], search: FrequencySearch | None = None) -> History:
+    def empty(cls, specs: Sequence[PanelSpec]) -> History:
         """Without frames."""
-        return cls(memories=tuple(PanelMemory(spec) for spec in specs), search=search or FrequencySearch())
+        return cls(memories=tuple(PanelMemory(spec) for spec in specs))
 
     @property
     def identity(self) -> Identity | None:
         """What the panel is read as now."""
-        return None if self.uninformative else self.last
+        return self.last if self.state in (State.READ, State.RETUNING) else None
 
     @property
     def frames(self) -> int:
@@ -89,39 +73,26 @@ class History(NamedTuple):
         search = self.search.add_frame(seen) if searched else self.search
         return self._replace(memories=further, search=search), list(added)
 
-    def confirm(self) -> History:
-        """The newest frame clearly shows the same: it is not read again."""
-        return self._replace(matched=self.matched + 1)
+    def enter(self, state: State, identity: Identity | None = None) -> History:
+        """One frame later, in this state, where the panel was read once more as `identity` or not."""
+        stays = identity is None and state is self.state
+        frames = 1 + self.frames_in_state if stays else 1
+        return self._replace(state=state, frames_in_state=frames, last=identity or self.last)
 
-    def identify_as(self, identity: Identity) -> History:
-        """The memories show this panel."""
-        return self._replace(last=identity, uninformative=0, matched=0)
+    def keep_newest(self, specs: Sequence[PanelSpec] | None = None) -> History:
+        """Only the newest frame: those before it do not add up, or showed something else.
 
-    def clear_identity(self) -> History:
-        """The memories show no panel, or none that is accepted."""
-        return self._replace(last=None, uninformative=0, matched=0)
-
-    def skip_frame(self, search: FrequencySearch) -> History:
-        """One more frame adds nothing, though the memories did: only `search` keeps it."""
-        return self._replace(uninformative=self.uninformative + 1, search=search)
-
-    def keep_newest(self) -> History:
-        """Only the newest frame: those before it do not add up, or showed something else at the same frequencies."""
-        memories = tuple(PanelMemory(memory.spec).begin(memory.newest) for memory in self.memories)
-        return History(memories=memories, search=self.search)
-
-    def begin_again(self, specs: Iterable[PanelSpec]) -> History:
-        """Only the newest frame, and nothing of the frequencies that were found: it shows another panel."""
-        newest = self.memories[0].newest
-        memories = tuple(PanelMemory(spec).begin(newest) for spec in specs)
-        kept = self.search.observations[-1:]
-        return History(memories=memories, search=FrequencySearch(observations=kept, frames_since_try=len(kept)))
-
-    def set_search(self, search: FrequencySearch) -> History:
-        """The same memories with another `search`."""
-        return self._replace(search=search)
+        `specs`: at these frequencies, as it shows another panel; else at those that were found.
+        """
+        newest, search = self.memories[0].newest, self.search
+        if specs is not None:
+            search = FrequencySearch().add_frame(newest) if search.observations else FrequencySearch()
+        spec_of_each = specs or [memory.spec for memory in self.memories]
+        return History(memories=tuple(PanelMemory(spec).begin(newest) for spec in spec_of_each), search=search)
 
     def retune(self, proposal: Proposal, group: int, memory: PanelMemory) -> History:
         """The panel blinks at other frequencies than others of its `group`; `memory` is at these."""
         memories = (*self.memories[:group], memory, *self.memories[group + 1 :])
-        return self._replace(memories=memories, search=self.search.mark_found(proposal))
+        settling = len(self.search.observations) < SEARCH_FRAMES
+        search = self.search._replace(frames_since_try=0, found=proposal, settling=settling)
+        return self._replace(memories=memories, search=search)

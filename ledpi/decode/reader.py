@@ -1,7 +1,6 @@
-"""Reads a panel: adds a frame to its history, and decides on a codeword from all frames of its track.
+"""Reads a panel: adds a frame to its history, and asks what the table of states (`states`) has it ask.
 
-Three questions, each asked only if the one before stays open. Does the frame clearly show what was read? Which
-codeword do all frames together show? And if none: do they show one at other frequencies than the configured ones?
+If its frames show no codeword, or are few, one is sought at other frequencies than the configured ones.
 """
 
 from __future__ import annotations
@@ -22,22 +21,16 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.frequency_search import CHOICES, propose_frequencies
-from ledpi.decode.identify.innovation_gate import (
-    confirms,
-    contradicts,
-    expected_log_likelihood_ratio,
-    prefers_others,
-)
+from ledpi.decode.identify.innovation_gate import confirms, contradicts, expected_log_likelihood_ratio, prefers_others
 from ledpi.decode.observation import Observation
+from ledpi.decode.states import Ask, Event, State, rule_of
 
-# Frames that clearly show what was read are not read again, but for one of eight: by then a panel may look a little
-# different, and the margin has grown.
-READ_EVERY = 8
 # Hysteresis: an ID is kept while its odds are those of this rate, 4.8 nats and not 11.3. Otherwise a codeword that has
 # only just passed would come and go with the noise of further frames.
 HYSTERESIS_RATE = 1e-3
 # A track whose frames add up to nothing may blink at other frequencies. That is tried after every so many.
 TUNE_EVERY = 4
+OLD_EVERY = 8  # frames, once there are more than that: then the newest is read by itself, as old ones may be wrong
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
 
@@ -52,21 +45,12 @@ INNOVATION = Rejected(stage="track", reason="innovation")
 NOT_THIS_PANEL = (decision.INCONSISTENT, decision.IMPLAUSIBLE)
 
 
-class Added(NamedTuple):
-    """A history with one more frame."""
-
-    history: History
-    matches: bool = False  # the frame clearly shows what was read
-    contradicted: bool = False  # the frame shows something else: the earlier frames are forgotten
-    gated: bool = False  # the frame fails the innovation gate
-
-
 class Outcome(NamedTuple):
     """The result of one frame."""
 
     history: History
     identity: Identity | Rejected
-    contradicted: bool  # the frame shows something else than the frames before
+    event: Event  # the frame, by what it shows of the ID before
 
 
 class Reader:
@@ -80,85 +64,81 @@ class Reader:
         *,
         search_frequencies: bool = False,
     ) -> None:
-        self._codebooks = tuple(codebooks)
-        self._weigher = weigher
-        self._specs = tuple(book.spec for book in codebooks)
-        self._false_id_rate = false_id_rate
+        self._codebooks, self._specs = tuple(codebooks), tuple(book.spec for book in codebooks)
+        self._weigher, self._false_id_rate = weigher, false_id_rate
         self._search_frequencies = search_frequencies
 
     def read(self, before: History, seen: Observation) -> Outcome:
         """The codeword after this frame, or the reason why there is none."""
-        added = self._add_frame(before, seen)
-        identity = before.identity
-        if identity is None or not added.matches or before.search.settling or before.matched >= READ_EVERY:
-            return self._read_all_frames(before, added)
-        return Outcome(history=added.history.confirm(), identity=identity, contradicted=False)
+        now, event = self._add_frame(before, seen)
+        rule = rule_of(before.state, event, before.frames_in_state)
+        if not rule.asks and before.last is not None:
+            return Outcome(history=now.enter(before.state), identity=before.last, event=event)
+        if rule.to is State.SEARCHING:
+            # If the frames did add up, what is there now is something else, at any frequencies.
+            adds_up = now.frames > ADDS_UP_FRAMES and not now.search.settling
+            now = now.keep_newest(self._specs if adds_up else None)
+        now, identity = self._ask(rule.asks, now, before.last)
+        if self._search_frequencies and now.search.frames_since_try >= TUNE_EVERY:
+            now, identity = self._tune(now, identity, must_confirm=event is Event.ADDS_NOTHING)
+        found = identity if isinstance(identity, Identity) else None
+        answer = Event.NONE if found is None else Event.ROUGHLY if now.search.settling else Event.CODEWORD
+        rule = rule_of(rule.to or before.state, answer, before.frames_in_state)
+        if rule.to is State.DOUBTED:
+            now = before._replace(search=now.search)
+        elif rule.to is State.SEARCHING:
+            now = now.keep_newest()
+        return Outcome(history=now.enter(rule.to or before.state, found), identity=identity, event=event)
 
-    def _read_all_frames(self, before: History, added: Added) -> Outcome:
-        now, _, contradicted, gated = added
-        identity = INNOVATION if gated else self._decide(now, self._false_id_rate)
-        if (
-            isinstance(identity, Rejected)
-            and not contradicted
-            and (before.last is not None or _is_newest_tried_alone(now))
-        ):
-            # Together they tell nothing any more; where phases run other than expected, each frame still may by itself.
-            only = now.keep_newest()
-            alone = self._decide(only, self._false_id_rate)
-            if isinstance(alone, Identity):
-                now, identity = only, alone
-                if before.last is not None and not _is_same(alone, before.last):
-                    now = now.begin_again(self._specs)
-            elif before.last is not None and not gated:
-                identity = self._confirm_last(now, before.last) or identity
-        open_yet = isinstance(identity, Rejected) or now.frames < ADDS_UP_FRAMES or now.search.settling
-        if self._search_frequencies and open_yet and now.search.frames_since_try >= TUNE_EVERY:
-            tuned = self._search_frequencies_of(now, gated)
-            decided = identity if tuned is None else self._decide(tuned, self._false_id_rate)
-            # Frequencies are sought in frames that may be of what was there before: these do not overrule a codeword.
-            overruled = (
-                isinstance(identity, Identity) and isinstance(decided, Identity) and not _is_same(identity, decided)
-            )
-            if tuned is None or overruled:
-                now = now.set_search(now.search.mark_failed())
-            else:
-                now, identity = tuned, decided
-        if isinstance(identity, Identity):
-            now = now.identify_as(identity)
-        else:
-            now = now.clear_identity() if before.last is None or contradicted else _drop_newest(before, now)
-        return Outcome(history=now, identity=identity, contradicted=contradicted)
-
-    def _add_frame(self, before: History, seen: Observation) -> Added:
+    def _add_frame(self, before: History, seen: Observation) -> tuple[History, Event]:
         """The history with one more frame, and what that frame says of the identity so far."""
         now, added = before.add_frame(seen, self._weigher, searched=self._search_frequencies)
         last = before.last
         if last is None:
-            return Added(now)
-        newest, identity = added[last.group], last.reading.cell_bands
-        if contradicts(newest, identity):
-            if now.frames > ADDS_UP_FRAMES and not now.search.settling:
-                # They did add up: what is there now is something else, at any frequencies.
-                return Added(now.begin_again(self._specs), contradicted=True)
-            return Added(now.keep_newest(), contradicted=True)
-        memory = now.memories[last.group]
-        like = (
-            0.0
-            if newest is None
-            else expected_log_likelihood_ratio(newest, identity) / _typical_nats(before.memories[last.group], last)
-        )
-        if like > TYPICAL_SHARE and not prefers_others(newest, identity):
-            is_decided_alone = is_deep(band_prior(seen.frame, memory.spec))
-            return Added(now, matches=not is_decided_alone and confirms(newest, identity))
+            return now, Event.ADDS
+        newest, shown, memory = added[last.group], last.reading.cell_bands, now.memories[last.group]
+        like = 0.0
+        if newest is not None:
+            if contradicts(newest, shown):
+                return now, Event.CONTRADICTS
+            usual = last.reading.likelihood / before.memories[last.group].effective_frames
+            like = expected_log_likelihood_ratio(newest, shown) / usual
+            if like > TYPICAL_SHARE and not prefers_others(newest, shown):
+                is_decided_alone = is_deep(band_prior(seen.frame, memory.spec))
+                return now, Event.MATCHES if not is_decided_alone and confirms(newest, shown) else Event.ADDS
         alone = memory.newest_evidence(self._weigher)
-        return Added(now, gated=not confirms(alone, identity) if like < UNLIKE else contradicts(alone, identity))
+        fails = not confirms(alone, shown) if like < UNLIKE else contradicts(alone, shown)
+        return now, Event.ADDS_NOTHING if fails else Event.ADDS
 
-    def _confirm_last(self, now: History, last: Identity) -> Identity | None:
-        """The last identity, if all frames together still support it at the lower odds of the hysteresis."""
-        kept = self._decide(now, HYSTERESIS_RATE)
-        if isinstance(kept, Rejected):
-            return None
-        return kept if _is_same(kept, last) else None
+    def _ask(self, asks: Sequence[Ask], now: History, last: Identity | None) -> tuple[History, Identity | Rejected]:
+        """The frames that show a codeword, and this; or all, and the reason why they do not."""
+        reason = INNOVATION
+        for ask in asks:
+            if ask is Ask.AT_TIMES and not 1 < now.frames <= TUNE_EVERY and now.frames % OLD_EVERY:
+                continue
+            asked = now if ask in (Ask.ALL, Ask.STILL) else now.keep_newest()
+            answer = self._decide(asked, HYSTERESIS_RATE if ask is Ask.STILL else self._false_id_rate)
+            if isinstance(answer, Rejected):
+                reason = answer if ask is Ask.ALL else reason
+            elif ask is Ask.ALL or last is None or _is_same(answer, last):
+                return asked, answer
+            elif ask is Ask.NEWEST:
+                return asked.keep_newest(self._specs), answer
+        return now, reason
+
+    def _tune(
+        self, now: History, identity: Identity | Rejected, *, must_confirm: bool
+    ) -> tuple[History, Identity | Rejected]:
+        """The same at frequencies that are sought in the last frames, unless the codeword is sure."""
+        if isinstance(identity, Identity) and now.frames >= ADDS_UP_FRAMES and not now.search.settling:
+            return now, identity
+        tuned = self._search_frequencies_of(now, must_confirm=must_confirm)
+        if tuned is not None:
+            decided = self._decide(tuned, self._false_id_rate)
+            # The last frames may be of what was there before: they do not overrule a codeword.
+            if isinstance(identity, Rejected) or isinstance(decided, Rejected) or _is_same(identity, decided):
+                return tuned, decided
+        return now._replace(search=now.search._replace(frames_since_try=0)), identity
 
     def _decide(self, history: History, rate: float) -> Identity | Rejected:
         if history.search.found is not None:
@@ -167,8 +147,8 @@ class Reader:
         reading = decision.select_best(readings, rate)
         if isinstance(reading, Rejected):
             return reading
-        ids = [r.id if isinstance(r, Reading) else None for r in readings]
-        return Identity(group=ids.index(reading.id), reading=reading)
+        group = next(k for k, r in enumerate(readings) if isinstance(r, Reading) and r.id == reading.id)
+        return Identity(group=group, reading=reading)
 
     def _read_memory(self, memory: PanelMemory, group: int, rate: float) -> Reading | Rejected:
         book = self._codebooks[group]
@@ -177,9 +157,7 @@ class Reader:
         if alone is not None:
             return alone
         evidence = memory.evidence(self._weigher)
-        if isinstance(evidence, Rejected):
-            return evidence
-        return decision.decide(evidence, book, rate)
+        return evidence if isinstance(evidence, Rejected) else decision.decide(evidence, book, rate)
 
     def _read_newest(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
         """The reading of the newest frame alone; None if all frames together must decide.
@@ -201,7 +179,7 @@ class Reader:
             return reading._replace(cell_bands=memory.count_from_origin(reading.cell_bands))
         return reading if reading in NOT_THIS_PANEL else None
 
-    def _search_frequencies_of(self, history: History, gated: bool) -> History | None:
+    def _search_frequencies_of(self, history: History, *, must_confirm: bool) -> History | None:
         """The history at other frequencies, at which its frames add up to a codeword; None if there are none.
 
         The earlier frames may show a panel that is gone: a newest frame that fails the gate must confirm by itself.
@@ -215,7 +193,7 @@ class Reader:
             reading = self._read_memory(memory, group, self._false_id_rate / CHOICES)
             if isinstance(reading, Rejected) or contradicts(added, reading.cell_bands):
                 continue
-            if gated and not confirms(memory.newest_evidence(self._weigher), reading.cell_bands):
+            if must_confirm and not confirms(memory.newest_evidence(self._weigher), reading.cell_bands):
                 continue
             if reading.likelihood > self._announced_likelihood(observations, book):
                 return history.retune(proposal, group, memory)
@@ -240,22 +218,3 @@ class Reader:
 def _is_same(one: Identity, other: Identity) -> bool:
     """Whether both are the same codeword in the same orientation."""
     return (one.reading.id, one.reading.quarter_turns) == (other.reading.id, other.reading.quarter_turns)
-
-
-def _typical_nats(memory: PanelMemory, identity: Identity) -> float:
-    """Mean log-likelihood ratio of the codeword to no bands that one frame has added."""
-    return identity.reading.likelihood / memory.effective_frames
-
-
-def _drop_newest(before: History, now: History) -> History:
-    """The history without a frame that adds nothing, and that would spoil the evidence of the frames before it.
-
-    It may have been located beside the panel, or the panel was occluded. After some such frames the old ones are out of
-    date.
-    """
-    return before.skip_frame(now.search) if before.uninformative < ADDS_UP_FRAMES else now.keep_newest()
-
-
-def _is_newest_tried_alone(history: History) -> bool:
-    """Whether the newest frame is also read alone: while there are few, and now and then, as old ones may be wrong."""
-    return history.frames > 1 and (history.frames <= TUNE_EVERY or history.frames % READ_EVERY == 0)

@@ -13,6 +13,7 @@ from ledpi.core.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
 from ledpi.decode.history import History
 from ledpi.decode.model.picture import PanelPicture
 from ledpi.decode.model.prior import turned_unknown
+from ledpi.decode.states import FOLLOWED_FRAMES
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
 
@@ -33,8 +34,6 @@ SAME_CELLS = 0.06  # of the side, from corner to corner: squares no further apar
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
 # brakes changes it by a tenth from frame to frame.
 NEW_VELOCITY = 0.7
-# A square that has not been read in so many frames is a lamp or a window: it is looked at when all is searched anyway.
-OLD_FRAMES = 16
 
 
 class TrackState(NamedTuple):
@@ -119,7 +118,7 @@ class Tracker:
         seen = [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._now_ns]
         self._tracks = [t for t in self._tracks if t in seen or not any(_overlap(t.place, p.place) for p in seen)]
         others = [t for t in self._tracks if not t.history.identity and t.state.seen_ns == self._before_ns]
-        return [t for t in reversed(others) if t.history.last or t.history.frames < OLD_FRAMES]
+        return [t for t in reversed(others) if t.history.frames < FOLLOWED_FRAMES.get(t.history.state, math.inf)]
 
     def continue_track(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The quad that was fitted at the track's prediction, in the track's order; None if it cannot be the track's.
@@ -130,20 +129,15 @@ class Tracker:
             return None
         if quad.residual > WORSE * track.state.residual:
             return None
-        seen = [t.place for t in self._tracks if t.state.seen_ns == self._now_ns]
-        if _is_near_any(_place(quad.corners_px), seen):
+        (centre, side), seen = _place(quad.corners_px), [t for t in self._tracks if t.state.seen_ns == self._now_ns]
+        if any(math.dist(centre, at) < SAME * side > abs(side - of) for at, of in (t.place for t in seen)):
             self._tracks.remove(track)
             return None
         return self._update(track, quad)
 
-    def all_detected(self) -> bool:
-        """Whether this frame has shown every panel that was read, and there is at least one."""
-        panels = [t for t in self._tracks if t.history.identity is not None]
-        return bool(panels) and all(t.state.seen_ns == self._now_ns for t in panels)
-
-    def any_detected(self) -> bool:
-        """Whether this frame has shown a panel that was read."""
-        return any(t.history.identity is not None and t.state.seen_ns == self._now_ns for t in self._tracks)
+    def panels_shown(self) -> list[bool]:
+        """For each panel that was read whether this frame has shown it."""
+        return [t.state.seen_ns == self._now_ns for t in self._tracks if t.history.identity]
 
     def is_followed(self, corners_px: Floats) -> bool:
         """Whether a square with these corners (4, 2) belongs to a track that this frame has already shown.
@@ -196,11 +190,6 @@ def _overlap(one: Place, other: Place) -> bool:
 def _place(corners_px: Floats) -> Place:
     corners = corners_px.tolist()
     return quad_middle(corners), quad_side(corners)
-
-
-def _is_near_any(place: Place, places: list[Place]) -> bool:
-    centre, side = place
-    return any(math.dist(centre, at) < SAME * side and abs(side - of) < SAME * side for at, of in places)
 
 
 def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:

@@ -23,6 +23,7 @@ from ledpi.decode.model.picture import PanelPicture
 from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Outcome, Reader
+from ledpi.decode.states import Event
 from ledpi.decode.track import CONTRADICTED, SAME_PLACE, Track, Tracker
 from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
 from ledpi.markers.dictionaries import load_dictionary
@@ -83,8 +84,7 @@ class LikelihoodPath:
             if self._locator.spent >= most:
                 break
             yield self._identify(frame, self._follow(frame, [track], work), work)
-        shown = self._tracker
-        if self._agenda.is_due(all_detected=shown.all_detected(), any_detected=shown.any_detected()):
+        if self._agenda.is_due(self._tracker.panels_shown()):
             yield from self._search(frame, most, work)
 
     def _follow(self, frame: Frame, tracks: list[Track], work: Results) -> list[_Observed]:
@@ -180,7 +180,7 @@ class LikelihoodPath:
             was_read = track.history.identity is not None
             outcome = self._reader.read(track.history, seen)
             track.history = outcome.history
-            if outcome.contradicted:
+            if outcome.event is Event.CONTRADICTS:
                 work.reject(quad.corners_px, CONTRADICTED)
             if work.trace is not None:
                 work.trace.squares += self._traced(frame, quad, seen, outcome)

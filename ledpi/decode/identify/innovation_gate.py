@@ -37,10 +37,8 @@ def contradicts(added: Evidence | None, cell_bands: Floats) -> bool:
     return likelihood < -CONTRADICTION_NATS or of_others > most_of_others
 
 
-def prefers_others(added: Evidence | None, cell_bands: Floats) -> bool:
-    """Whether the cells that are likelier of the other class outweigh all cells together."""
-    if added is None:
-        return False
+def prefers_others(added: Evidence, cell_bands: Floats) -> bool:
+    """Tells whether the cells that are likelier of the other class outweigh all cells together."""
     likelihood, of_others = _log_likelihood_ratios(added, cell_bands)
     return likelihood < of_others
 

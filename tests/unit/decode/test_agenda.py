@@ -19,7 +19,7 @@ ROW = [(60.0 + 50 * n, 200.0) for n in range(10)]
 
 def looked_at(agenda: Agenda, proposed: list[Candidate], budget: int) -> list[int]:
     """Which of them a frame looks at, that can look at so many."""
-    agenda.is_due(all_detected=False)
+    agenda.is_due([False])
     order = agenda.schedule(proposed)[:budget]
     for candidate in order:
         agenda.tried(candidate)
@@ -83,24 +83,24 @@ def test_where_nothing_was_proposed_again_is_forgotten() -> None:
 def test_the_picture_is_searched_every_third_frame_while_all_panels_are_seen() -> None:
     """And in each frame in which one is not; the first is searched anyway."""
     agenda = Agenda()
-    assert [agenda.is_due(all_detected=True) for _ in range(7)] == [True, False, False, True, False, False, True]
-    assert [agenda.is_due(all_detected=False) for _ in range(3)] == [True] * 3
-    assert [agenda.is_due(all_detected=True) for _ in range(SEARCH_EVERY)] == [False, False, True]
+    assert [agenda.is_due([True]) for _ in range(7)] == [True, False, False, True, False, False, True]
+    assert [agenda.is_due([False]) for _ in range(3)] == [True] * 3
+    assert [agenda.is_due([True]) for _ in range(SEARCH_EVERY)] == [False, False, True]
 
 
 def test_a_missing_panel_is_searched_for_less_and_less_often() -> None:
     """A search in vain delays the panels that are there: so after one frame, two, three; and anew once it was back."""
     agenda = Agenda()
-    missing = [agenda.is_due(all_detected=False, any_detected=True) for _ in range(12)]
+    missing = [agenda.is_due([True, False]) for _ in range(12)]
     assert missing == [True, False, True, False, False, True, False, False, True, False, False, True]
-    assert not agenda.is_due(all_detected=True, any_detected=True)
-    assert agenda.is_due(all_detected=False, any_detected=True)
+    assert not agenda.is_due([True, True])
+    assert agenda.is_due([True, False])
 
 
 def test_where_no_panel_is_shown_each_frame_is_searched() -> None:
     """Nothing is delayed by it."""
     agenda = Agenda()
-    assert [agenda.is_due(all_detected=False, any_detected=False) for _ in range(6)] == [True] * 6
+    assert [agenda.is_due([False]) for _ in range(6)] == [True] * 6
 
 
 def test_what_was_tried_is_kept_small() -> None:

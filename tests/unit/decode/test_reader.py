@@ -9,7 +9,8 @@ from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.history import History, Identity
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import FALSE_ID_RATE
-from ledpi.decode.reader import READ_EVERY, Reader
+from ledpi.decode.reader import Reader
+from ledpi.decode.states import READ_EVERY, State
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, reason, square, word
 from tests.builders.samples import observed
@@ -98,11 +99,11 @@ def test_a_frame_that_tells_nothing_is_left_out_of_what_was_known(reader: Reader
     history = History.empty((SPEC,))
     for seq in range(3):
         history, _ = further(reader, history, panel_frame(seq, NEAR), NEAR)
-    uninformative, _ = further(reader, history, panel_frame(3, NEAR), NEAR + (NEAR[1] - NEAR[0]) / 5)
-    assert uninformative.memories is history.memories
-    assert (uninformative.uninformative, uninformative.last, uninformative.identity) == (1, history.last, None)
-    told, _ = further(reader, uninformative, panel_frame(4, NEAR), NEAR)
-    assert told.uninformative == 0
+    doubted, _ = further(reader, history, panel_frame(3, NEAR), NEAR + (NEAR[1] - NEAR[0]) / 5)
+    assert doubted.memories is history.memories
+    assert (doubted.state, doubted.last, doubted.identity) == (State.DOUBTED, history.last, None)
+    told, _ = further(reader, doubted, panel_frame(4, NEAR), NEAR)
+    assert told.state is State.READ
     assert told.identity is not None
 
 
@@ -120,9 +121,7 @@ def test_what_was_read_stays_so_by_less_than_a_first_reading_asks_for(marker_id:
     assert history.identity is not None
     last = history.identity._replace(reading=history.identity.reading._replace(id=marker_id))
     frame = panel_frame(2, FARTHER)
-    due = history.identify_as(last)._replace(matched=READ_EVERY)
+    due = history._replace(last=last, frames_in_state=READ_EVERY)
     assert read_id(strict.read(due, observed(frame, FARTHER)).identity) == still
-    assert (
-        read_id(strict.read(history.clear_identity(), observed(frame, FARTHER)).identity)
-        == "identify.not_in_dictionary"
-    )
+    unread = history._replace(state=State.UNREAD, last=None)
+    assert read_id(strict.read(unread, observed(frame, FARTHER)).identity) == "identify.not_in_dictionary"

@@ -10,6 +10,7 @@ import pytest
 from ledpi.core.records import Floats, Quad
 from ledpi.decode.history import Identity
 from ledpi.decode.identify.decision import Reading
+from ledpi.decode.states import State
 from ledpi.decode.track import Track, Tracker
 from tests.builders.decode import SPEC, quad, square
 
@@ -222,7 +223,7 @@ def test_a_part_that_leaves_more_than_the_whole_is_no_panel(tracker: Tracker) ->
 def test_a_panel_that_was_read_hides_what_is_around_it(tracker: Tracker, around: Floats) -> None:
     """Its ID is known, and so is where it is."""
     (first,) = follow(tracker, 1, PLACE)
-    first.history = first.history.identify_as(SHOWN)
+    first.history = first.history.enter(State.READ, SHOWN)
     assert tracker.is_followed(around)
     assert tracker.associate(quad(around)) is None
 
@@ -241,7 +242,7 @@ def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
 def test_what_overlaps_a_panel_is_followed_no_longer(tracker: Tracker) -> None:
     """However much older it is: a part of the panel, or what is around it."""
     _, second = follow(tracker, 1, PLACE, square(302, 200, 78))
-    second.history = second.history.identify_as(SHOWN)
+    second.history = second.history.enter(State.READ, SHOWN)
     tracker.begin_frame(2 * FRAME_NS)
     assert tracker.read_tracks() == [second]
     assert tracker.continue_track(second, quad(square(302, 200, 78))) is not None
@@ -251,21 +252,36 @@ def test_what_overlaps_a_panel_is_followed_no_longer(tracker: Tracker) -> None:
 def test_panels_are_those_that_the_last_frame_showed(tracker: Tracker) -> None:
     """What was out of view for a frame is left to a search, and so are squares that were not read."""
     first, second = follow(tracker, 1, PLACE, square(450, 200, 60))
-    first.history = first.history.identify_as(SHOWN)
+    first.history = first.history.enter(State.READ, SHOWN)
     tracker.begin_frame(2 * FRAME_NS)
     assert (tracker.read_tracks(), tracker.unread_tracks()) == ([first], [second])
     tracker.begin_frame(3 * FRAME_NS)
     assert (tracker.read_tracks(), tracker.unread_tracks()) == ([], [])
 
 
-def test_whether_all_panels_are_seen(tracker: Tracker) -> None:
+@pytest.mark.parametrize(
+    ("state", "frames", "followed"),
+    [(State.UNREAD, 15, True), (State.UNREAD, 16, False), (State.SEARCHING, 16, False), (State.DOUBTED, 16, True)],
+)
+def test_what_is_not_read_in_sixteen_frames_is_left_to_a_search(
+    tracker: Tracker, state: State, frames: int, followed: bool
+) -> None:
+    """It is a lamp or a window; a panel that was read before stays one."""
+    (first,) = follow(tracker, 1, PLACE)
+    memory = first.history.memories[0]._replace(frames=frames)
+    first.history = first.history._replace(memories=(memory,), state=state)
+    tracker.begin_frame(2 * FRAME_NS)
+    assert (tracker.unread_tracks() == [first]) is followed
+
+
+def test_whether_panels_are_seen(tracker: Tracker) -> None:
     """Of those that were read; without any there are none to see."""
     tracker.begin_frame(FRAME_NS)
-    assert not tracker.all_detected()
+    assert tracker.panels_shown() == []
     first, _ = follow(tracker, 1, PLACE, square(450, 200, 60))
-    first.history = first.history.identify_as(SHOWN)
-    assert tracker.all_detected()
+    first.history = first.history.enter(State.READ, SHOWN)
+    assert tracker.panels_shown() == [True]
     tracker.begin_frame(2 * FRAME_NS)
-    assert not tracker.all_detected()
+    assert tracker.panels_shown() == [False]
     assert tracker.continue_track(first, quad(PLACE)) is not None
-    assert tracker.all_detected()
+    assert tracker.panels_shown() == [True]
