@@ -102,7 +102,7 @@ class Follower:
 
 
 def _is_alike(corners_px: Floats, others_px: Floats) -> bool:
-    """Whether all sides of two squares (4, 2) are as long."""
+    """Tells whether the sides of two squares (4, 2) are about as long."""
     sides = zip(*(_sides(at.tolist()) for at in (corners_px, others_px)), strict=True)
     return all(1.0 / MOST_CHANGE < one / other < MOST_CHANGE for one, other in sides)
 

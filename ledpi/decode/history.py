@@ -18,7 +18,7 @@ SEARCH_FRAMES = 12  # that are kept to find a panel's frequencies from
 
 
 class Identity(NamedTuple):
-    """What a panel was read as."""
+    """A reading, and the frequencies that it was found at."""
 
     group: int  # which pair of frequencies, of those that panels may have
     reading: Reading
@@ -39,7 +39,7 @@ class FrequencySearch(NamedTuple):
 
 
 class History(NamedTuple):
-    """What the frames of a track have shown."""
+    """Everything that the frames of a track have shown."""
 
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
     state: State = State.SEARCHING
@@ -54,7 +54,7 @@ class History(NamedTuple):
 
     @property
     def identity(self) -> Identity | None:
-        """What the panel is read as now."""
+        """The reading that is reported now, if any."""
         return self.last if self.state in (State.READ, State.RETUNING) else None
 
     @property

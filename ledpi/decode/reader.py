@@ -216,5 +216,5 @@ class Reader:
 
 
 def _is_same(one: Identity, other: Identity) -> bool:
-    """Whether both are the same codeword in the same orientation."""
+    """Tells whether both are the same codeword in the same orientation."""
     return (one.reading.id, one.reading.quarter_turns) == (other.reading.id, other.reading.quarter_turns)

@@ -140,7 +140,7 @@ class Tracker:
         return [t.state.seen_ns == self._now_ns for t in self._tracks if t.history.identity]
 
     def is_followed(self, corners_px: Floats) -> bool:
-        """Whether a square with these corners (4, 2) belongs to a track that this frame has already shown.
+        """Tells whether a square with these corners (4, 2) belongs to a track that this frame has already shown.
 
         There is no second panel where one was read. A square that was not read may be a part of a panel, or more than
         it: it excludes only squares with the same cells.

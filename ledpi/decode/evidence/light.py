@@ -1,4 +1,4 @@
-"""What a fitted panel's light says of the bands in each of its cells, by the equation that the fit solves.
+"""Weighs the light of a fitted panel for the bands in each of its cells, by the equation that the fit solves.
 
 In C (kernels/panel_evidence.c). Of a frame alone, or the mean of several, all that the fit does not know is eliminated:
 corners, blur, walls, gains, and one free profile that all cells share. A frame that is compared with the mean of those
@@ -93,7 +93,7 @@ class LightWeigher:
         return self._weigh(seen, spec, 0.0, mean.each, mean, built=mean.built)[1]
 
     def is_comparable(self, seen: Observation, mean: Mean) -> bool:
-        """Whether the panel's size in the picture still suits the mean's grid."""
+        """Tells whether the panel's size in the picture still suits the mean's grid."""
         return abs(self._each(seen) - mean.each) <= max(1.0, SAME_GRID * mean.each)
 
     def _each(self, seen: Observation) -> int:
@@ -148,7 +148,7 @@ class LightWeigher:
         return picture, self._evidence(seen, spec, unknown, score, information, weighed) if found else None
 
     def _prior(self, steps_px: list[float], each: int, exposure_us: float, *, compared: bool) -> Floats:
-        """What is known beforehand; of frames that are compared, that nothing differs that is built into the panel."""
+        """Prior of the unknowns; of frames that are compared, what is built into the panel does not differ."""
         across, down = (round(max(1.0, min(each, each * step)), 1) for step in steps_px)
         given = prior(self._cells, (across, down), exposure_us, even=False, faint=True)
         if not compared:

@@ -1,4 +1,4 @@
-"""What several frames of one panel say together.
+"""Adds up the evidence of several frames of one panel.
 
 After the first frame a panel's static picture is known, place by place, so a further frame is compared with the mean
 of those before it: what differs are the bands. Each comparison is independent of all earlier ones (Helmert's
@@ -81,7 +81,7 @@ class PanelMemory(NamedTuple):
 
     @property
     def effective_frames(self) -> float:
-        """Of how many frames the evidence is, as old ones have faded."""
+        """Number of frames that the evidence is worth, as old ones have faded."""
         return min(self.frames, 1.0 / (1.0 - FORGETTING))
 
     @property

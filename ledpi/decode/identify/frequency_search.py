@@ -101,7 +101,7 @@ def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
 
 
 def _residuals(observations: Sequence[_Sampled]) -> tuple[Floats, Floats]:
-    """What each frame's light is over the mean picture's (frames, cells·points), corners' errors taken off; weights."""
+    """(frames, cells·points) light of each frame over the mean picture's, corners' errors taken off; and weights."""
     light = np.stack([s.samples.light / s.samples.light.mean() for s in observations]).astype(np.float64)
     picture = np.maximum(light.mean(axis=0), 0.02)
     weight = picture / picture.mean()
@@ -179,7 +179,7 @@ def _noise(observations: Sequence[_Sampled], residual: Floats, weight: Floats) -
 
 
 def _peak(frequencies: Floats, power: Floats, noise: float) -> float | None:
-    """Where a parabola through the highest and its neighbours has its top; None where nothing stands out of `noise`."""
+    """Top of a parabola through the highest and its neighbours; None where nothing stands out of `noise`."""
     if power.max() < SIGNIFICANT * noise:
         return None
     top = int(np.clip(np.argmax(power), 1, len(power) - 2))

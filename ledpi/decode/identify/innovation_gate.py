@@ -29,7 +29,7 @@ def expected_log_likelihood_ratio(evidence: Evidence, cell_bands: Floats) -> flo
 
 
 def contradicts(added: Evidence | None, cell_bands: Floats) -> bool:
-    """Whether added evidence is against `cell_bands` (cells, P): for no bands, or for another class in some cells."""
+    """Tells whether added evidence is against `cell_bands` (cells, P): for no bands, or other classes in some cells."""
     if added is None:
         return False
     likelihood, of_others = _log_likelihood_ratios(added, cell_bands)
@@ -44,7 +44,7 @@ def prefers_others(added: Evidence, cell_bands: Floats) -> bool:
 
 
 def confirms(alone: Evidence | None, cell_bands: Floats) -> bool:
-    """Whether one frame's evidence is clearly for `cell_bands` (cells, P), and for another class in no cells."""
+    """Tells whether one frame's evidence is clearly for `cell_bands` (cells, P), and for another class in no cells."""
     if alone is None:
         return False
     likelihood, of_others = _log_likelihood_ratios(alone, cell_bands)
@@ -52,6 +52,6 @@ def confirms(alone: Evidence | None, cell_bands: Floats) -> bool:
 
 
 def _log_likelihood_ratios(evidence: Evidence, cell_bands: Floats) -> tuple[float, float]:
-    """Of `cell_bands` (cells, P) to no bands; and, summed over cells, of the other class where that is likelier."""
+    """Those of `cell_bands` (cells, P) to no bands; and, summed over cells, of the other class where it is likelier."""
     likelihood = 0.5 * float((cell_bands * (evidence.score + evidence.unexplained(cell_bands))).sum())
     return likelihood, float(np.maximum(class_flip_gain(evidence, cell_bands), 0.0).sum())

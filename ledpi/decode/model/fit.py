@@ -1,4 +1,4 @@
-"""Where a panel is: its whole picture fitted to light, from corners that are about right.
+"""Fits the whole picture of a panel to light, from corners that are about right.
 
 docs/algorithm.md has the equation and its unknowns, kernels/panel_light.c its terms, kernels/panel_fit.c the step.
 """
@@ -32,7 +32,7 @@ SOLVED_BY = ("rounds", "reweightings", "banded", "phasing", "must_blink", "toler
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Effort:
-    """How a fit is gone about."""
+    """Rounds, tolerances and grid of one fit."""
 
     rounds: int  # of Gauss and Newton, at most
     tolerance: float = 0.002  # of half the side: the last step moves corners by less
@@ -114,7 +114,7 @@ class Fitter:
         return _fitted(fit, unknown, window, spec)
 
     def view(self, window: Window) -> dict[str, Any]:
-        """What the solver is told of the light, and of the lens."""
+        """The arguments that tell the solver of the light, and of the lens."""
         return solver_view(window, self._intrinsics, self._lens)
 
 

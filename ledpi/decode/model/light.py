@@ -1,4 +1,4 @@
-"""What a fit is of: the light of a part of the picture, and what the exposure leaves there of either class's wave."""
+"""Gives a fit the light of a part of the picture, and what the exposure leaves there of either class's wave."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Window:
 
     @classmethod
     def crop(cls, frame: Frame, corners_px: Floats, reach: float, fewest_px: float = FEWEST_PX) -> Window | None:
-        """What is up to `reach` of its side, and three pixels, around a square (4, 2); None where it shows no light.
+        """A square (4, 2) with `reach` of its side, and three pixels, around it; None where it shows no light.
 
         `fewest_px`: of its side, how many are left where it is averaged down.
         """

@@ -1,4 +1,4 @@
-"""What is known of a panel's picture before it is seen: means and deviations of the fit's unknowns.
+"""The knowledge of a panel's picture before it is seen: means and deviations of the fit's unknowns.
 
 Light is in units of the panel's own, lengths along the panel in cells.
 """
