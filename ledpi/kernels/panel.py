@@ -30,7 +30,7 @@ def _put(struct: Any, values: dict[str, Any]) -> None:
 
 
 class Followed(NamedTuple):
-    """Where a panel has gone."""
+    """The place to which a panel has gone."""
 
     lattice: Floats  # (4, 2) corners, of its cells
     lit: Floats  # (4, 2) and of what is lit
@@ -59,12 +59,12 @@ class Solver:
         return lib.ledpi_fit_panel(self._fit, pointer(self._room)), self._fit
 
     def put_picture(self, picture: Picture, shares: NDArray[np.float64], **given: Any) -> None:
-        """What a fit that came to `given` has as the panel's picture; `shares` (cells, waves) of waves in its cells."""
+        """Draws into `picture` what a fit that came to `given` has; `shares` (cells, waves) of waves in its cells."""
         _put(self._fit, given)
         lib.ledpi_panel_picture(self._fit, pointer(shares), picture.struct, pointer(self._room))
 
     def follow(self, picture: Picture, **given: Any) -> Followed | None:
-        """Where a panel has gone from its corners in `given`; None where that is nowhere."""
+        """Follows a panel from its corners in `given`; None where it is not found."""
         fit, struct = self._fit, picture.struct
         _put(fit, {**given, "sampled": 0})
         size = (2 + MOST_BANDS) * struct.lines * struct.width

@@ -227,7 +227,7 @@ class LikelihoodPath:
         )
 
     def _next_picture(self, frame: Frame, quad: Quad, track: Track) -> PanelPicture | None:
-        """What the panel is to be followed by: none while its ID is not known, or where bands are deep."""
+        """The picture to follow the panel by: none while its ID is not known, or where bands are deep."""
         identity = track.history.identity
         spec = None if identity is None else track.history.memories[identity.group].spec
         if identity is None or spec is None or not are_sinusoids(frame.exposure_us, spec):

@@ -1,4 +1,4 @@
-"""What a frame went through, step by step, for those who want to see it: `Pipeline.decode` fills it in."""
+"""Keeps a frame's steps, for those who want to see them: `Pipeline.decode` fills them in."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Dropped:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SquareTrace:
-    """What the method `likelihood` made of one lit square."""
+    """One lit square, as the method `likelihood` has read it."""
 
     quad: Quad
     samples: CellSamples
@@ -33,7 +33,7 @@ class SquareTrace:
 
 @dataclass(slots=True)
 class Trace:
-    """Of one frame. `likelihood` fills candidates and squares; `uemura` its steps, one for each pair of frequencies."""
+    """One frame. `likelihood` fills candidates and squares; `uemura` its steps, one for each pair of frequencies."""
 
     dropped: list[Dropped] = field(default_factory=list)
     candidates: list[Candidate] = field(default_factory=list)
