@@ -71,7 +71,7 @@ def test_places_are_recognised_although_they_move() -> None:
 
 
 def test_where_nothing_was_proposed_again_is_forgotten() -> None:
-    """What comes back later is new, and comes before what was tried since."""
+    """A place that comes back later is new, and comes before what was tried since."""
     agenda, proposed = Agenda(), candidates(*ROW[:4])
     looked_at(agenda, proposed, budget=99)
     looked_at(agenda, proposed[:3], budget=99)

@@ -137,7 +137,7 @@ def test_words_that_are_each_others_negatives_are_not_looked_for() -> None:
 
 
 def drawn_evidence(shown: Bits, seed: int) -> Evidence:
-    """Of 16 cells that share much with each other: normal, as the decoder's own error model has it."""
+    """Evidence of 16 cells that share much with each other: normal, as the decoder's own error model has it."""
     rng = np.random.default_rng(seed)
     other = rng.permutation(16)[:2]
     shared, _ = np.linalg.qr(rng.standard_normal((32, 20)))
@@ -157,7 +157,7 @@ def drawn_evidence(shown: Bits, seed: int) -> Evidence:
 
 
 def test_what_fits_with_bands_of_its_own_is_weighed() -> None:
-    """Of 150 patterns two cells off word 7, with noise, none is read as a word; with the word's bands nine were."""
+    """None of 150 patterns two cells off word 7, with noise, is read as a word; with the word's bands nine were."""
     identify_as = [decide(drawn_evidence(word(7), seed), BOOK, 1e-5) for seed in range(150)]
     assert not [reading for reading in identify_as if isinstance(reading, Reading)]
 
@@ -204,7 +204,7 @@ def test_a_stream_tells_that_another_panel_took_the_place() -> None:
 
 
 def test_the_one_frequency_is_proposed() -> None:
-    """Of frames with an oscillator 1 % off, the panel at its own frequency, still in antiphase."""
+    """Frames with an oscillator 1 % off lead to the panel at its own frequency, still in antiphase."""
     off = dataclasses.replace(ANTIPHASE, black_hz=1.01 * HZ, white_hz=1.01 * HZ)
     seen = []
     for frame in frames_of(60, 12, spec=off):

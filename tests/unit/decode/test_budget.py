@@ -1,4 +1,4 @@
-"""What a frame may spend: the worst pictures stay within it, and what it cannot look at has its turn."""
+"""The budget of a frame: the worst pictures stay within it, and what it cannot look at has its turn."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def test_a_square_that_the_lens_bends_is_followed() -> None:
 
 @pytest.mark.parametrize("shape", ["upright", "turned", "large"])
 def test_every_sample_knows_its_row(shape: str) -> None:
-    """What the picture holds at a sample is its row: painted so, and asked back, to within 2 rows."""
+    """The picture holds each sample's row: painted so, and asked back, to within 2 rows."""
     down = np.broadcast_to(np.arange(480)[:, None] / 2.0, (480, 640)).round().astype(np.uint8)
     blank = Canvas(transfer="linear").frame(None)
     samples = sampled(dataclasses.replace(blank, pixels=down.copy()), quad(SHAPES[shape]))

@@ -78,7 +78,7 @@ def test_every_word_is_read_whichever_way_up(marker_id: int, quarter_turns: int)
 
 @pytest.mark.parametrize("side", [110, 130, 170, 250])
 def test_a_near_panel_leaves_little_open(side: float) -> None:
-    """Of what its word explains, a twentieth beside the noise: cells differ by no more than that of their bands."""
+    """A twentieth of what its word explains, beside the noise: cells differ by no more than that of their bands."""
     canvas, corners = Canvas(), square(310.3, 240.6, side)
     canvas.panel(corners, word(7))
     frame = canvas.frame()

@@ -48,7 +48,7 @@ def shown(marker_id: int, gains: Floats, side: float, seed: int) -> tuple[CellSa
 
 
 def evidence_for(cells: Bits, erased: tuple[int, ...] = ()) -> Evidence:
-    """Of a panel that shows a pattern's bands of the usual depth; of `erased` cells there is none."""
+    """Evidence of a panel that shows a pattern's bands of the usual depth; of `erased` cells there is none."""
     white, bands = cells.reshape(-1), np.sqrt(PRIOR)
     own = EACH / (0.5 * float((bands[:2] ** 2).sum())) * np.eye(4)  # of either class; both, as information is of all
     information = np.zeros((16, 4, 16, 4))

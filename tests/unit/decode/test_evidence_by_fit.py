@@ -31,7 +31,7 @@ ANTIPHASE = replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
 
 
 def evidence_of(panel: Panel, window: Window, spec: PanelSpec = SPEC) -> Evidence:
-    """Of the panel's fit to the light, from its true corners."""
+    """Evidence by the panel's fit to the light, from its true corners."""
     found = LightWeigher(4, None).alone(seen(panel, window), spec)
     assert found is not None
     return found
@@ -90,7 +90,7 @@ def test_noise_that_is_alike_in_neighbours_is_not_counted_as_if_it_were_not(blur
 
 
 def test_a_dead_cell_says_nothing() -> None:
-    """What light comes from there is its neighbours', and has their bands."""
+    """The light that comes from there is its neighbours', and has their bands."""
     gains = np.ones((4, 4))
     gains[1, 2] = 0.0
     panel = Panel(corners=projected(30.0), gains=gains)

@@ -86,7 +86,7 @@ def test_neighbours_are_distinguished(side: float) -> None:
 
 
 def test_a_dim_panel_in_a_bright_room_is_found() -> None:
-    """What is next to the panel decides, not what is brightest in the picture."""
+    """The light next to the panel decides, not the brightest in the picture."""
     corners = square(200, 240, 80)
     canvas = Canvas(background=0.05)
     canvas.light += np.linspace(0, 0.1, 640)
@@ -107,7 +107,7 @@ def test_an_empty_noisy_picture_holds_nothing(background: float, transfer: Trans
 
 
 def test_a_panel_too_small_to_read_is_dropped_as_such() -> None:
-    """What is smaller than asked for is counted, not passed on."""
+    """A square smaller than asked for is counted, not passed on."""
     canvas = Canvas()
     canvas.panel(square(320, 240, 25), word(7))
     found, dropped = Finder(640, 480, smallest_px=40.0).find(canvas.frame())

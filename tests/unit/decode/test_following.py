@@ -73,7 +73,7 @@ class Stream:
 
 
 def rms(errors: Sequence[Floats]) -> float:
-    """Of corners' distances."""
+    """Root of the mean square of corners' distances."""
     return math.sqrt(float(np.mean([np.square(error).sum(axis=1).mean() for error in errors])))
 
 
@@ -172,7 +172,7 @@ def test_a_fit_is_asked_where_something_hides_a_side(share: float) -> None:
 
 
 def test_a_fit_is_asked_where_another_panel_stands() -> None:
-    """Of the same size, with walls elsewhere."""
+    """It has the same size, and walls elsewhere."""
     stream, true = Stream(moved((0.0, 0.0))), moved(AT[1])
     canvas = Canvas()
     canvas.lamp(true)

@@ -22,7 +22,7 @@ def proposed(
     period_us: float = PERIOD_US,
     size_px: float = 60,
 ) -> Proposal | None:
-    """Of so many frames of panel 7, (black, white) in Hz."""
+    """The proposal from so many frames of panel 7; frequencies are (black, white) in Hz."""
     spec, shown = (dataclasses.replace(SPEC, black_hz=black, white_hz=white) for black, white in (announced, true))
     corners, seen = square(310.3, 240.6, size_px, 4), []
     for n in range(frames):
@@ -35,7 +35,7 @@ def proposed(
 
 
 def test_both_frequencies_are_reported() -> None:
-    """Of oscillators that are 1 % off."""
+    """Both oscillators are 1 % off."""
     found = proposed((1250.0, 2450.0), (1262.0, 2431.0))
     assert found is not None
     assert found.measured

@@ -88,7 +88,7 @@ def _tiny(size: tuple[int, int], what: Floats) -> tuple[Floats, Floats]:
 
 @pytest.mark.parametrize("cells", [5, 6, 7])
 def test_panels_of_other_dictionaries_have_their_own_template(cells: int) -> None:
-    """Of as many cells."""
+    """It has as many cells along a side as they have."""
     true = square(310.3, 236.6, 16.0 * cells, 8)
     canvas = Canvas()
     canvas.panel(true, np.indices((cells, cells)).sum(axis=0) % 2 == 0)

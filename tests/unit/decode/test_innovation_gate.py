@@ -1,4 +1,4 @@
-"""Whether a frame denies or confirms the bands that its track has shown: by hand, of cells that are weighed alone."""
+"""A frame denies or confirms the bands that its track has shown: by hand, of cells that are weighed alone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def bands(white: Mask) -> Floats:
 
 
 def frame_with(shown: Floats, information: float) -> Evidence:
-    """What a frame with these bands adds, without noise; each cosine and sine is known by this `information`."""
+    """Evidence that a frame with these bands adds, without noise; cosines and sines are known by this `information`."""
     everywhere = information * np.eye(64).reshape(16, 4, 16, 4)
     return Evidence(score=information * shown, information=everywhere, prior=np.ones(4), residual=0.0)
 

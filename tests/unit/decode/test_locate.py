@@ -1,4 +1,4 @@
-"""Where exactly a panel's corners are: painted at known sub-pixel places, and asked back; and what is none."""
+"""A panel's corners are painted at known sub-pixel places, and asked back; and what is no panel is refused."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def located(frame: Frame, near: Floats, lens: Intrinsics | None = None, cells: i
 
 
 def variance_px2(found: Quad) -> float:
-    """Of a corner's coordinate, in the mean."""
+    """Variance of a corner's coordinate, in the mean."""
     assert found.covariance_px2 is not None
     return float(np.trace(found.covariance_px2)) / 8
 
@@ -53,14 +53,14 @@ def error_of(found: Quad, true: Floats) -> Floats:
 
 
 def outward(error: Floats, true: Floats) -> float:
-    """How far the sides lie outside of where they are, on average."""
+    """Distance by which the sides lie outside of where they are, on average."""
     away = true - true.mean(axis=0)
     away /= np.linalg.norm(away, axis=1)[:, None]
     return float((error * away).sum(axis=1).mean() / math.sqrt(2))
 
 
 def rms(error: Floats) -> float:
-    """Of the corners' distances."""
+    """Root of the mean square of the corners' distances."""
     return float(np.sqrt(np.mean(np.square(error).sum(axis=1))))
 
 
@@ -142,7 +142,7 @@ def test_a_far_panels_size_is_right(side: float, percent: float) -> None:
 
 @pytest.mark.parametrize("smear_px", [1, 3, 5])
 def test_the_blur_tells_how_far_a_panel_has_moved_at_most(smear_px: int) -> None:
-    """What moves by so many pixels is blurred by a root of 12 of them at least; a lens's own is 1 px or so more."""
+    """A motion by so many pixels blurs by a root of 12 of them at least; a lens's own is 1 px or so more."""
     canvas = Canvas()
     canvas.panel(square(300, 200, 100, 5), word(7))
     canvas.light = cv2.blur(canvas.light, (smear_px, 1))
@@ -309,7 +309,7 @@ def test_it_is_found_from_a_tenth_of_its_side_off(exposure_us: float, side: floa
 
 @pytest.mark.parametrize("cells", [3, 5, 6])
 def test_other_grids_are_located_too(cells: int) -> None:
-    """Of three cells along a side, and of six."""
+    """Panels have three, five or six cells along a side."""
     true = square(300, 200, 100, 5)
     canvas = Canvas()
     canvas.panel(true, np.indices((cells, cells)).sum(axis=0) % 3 == 0, profile=flat)
@@ -317,7 +317,7 @@ def test_other_grids_are_located_too(cells: int) -> None:
 
 
 def test_the_frequencies_that_explain_most_are_taken() -> None:
-    """Of two pairs, whichever is named first: with the other pair, bands are not where they are."""
+    """One of two pairs, whichever is named first: with the other pair, bands are not where they are."""
     true, other = square(310.4, 240.2, 90, 7), PanelSpec(side_m=0.16, black_hz=1700.0, white_hz=3100.0)
     canvas = Canvas(exposure_us=300.0)
     canvas.panel(true, word(7))
@@ -365,7 +365,7 @@ def test_what_has_nothing_dark_in_it_costs_no_fit_where_bands_are_deep(depth: fl
 
 
 def test_an_even_wall_is_refused() -> None:
-    """Where nothing is, noise is not taken for a panel."""
+    """Noise is not taken for a panel."""
     assert isinstance(Locator(4, (SPEC,), None).localise(Canvas().frame(), square(310, 240, 75)), Rejected)
 
 
@@ -431,7 +431,7 @@ def test_once_a_lattice_beside_fits_as_a_whole_no_other_is_tried() -> None:
 
 
 def test_what_was_spent_is_counted() -> None:
-    """What is followed costs less than what is proposed; two kinds of panels cost more than one."""
+    """Following costs less than what is proposed; two kinds of panels cost more than one."""
     true, other = square(310.4, 240.2, 90, 7), PanelSpec(side_m=0.16, black_hz=1700.0, white_hz=3100.0)
     canvas = Canvas()
     canvas.panel(true, word(7))

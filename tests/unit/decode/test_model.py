@@ -104,7 +104,7 @@ def test_phases_and_classes_are_found(exposure_us: float) -> None:
 @pytest.mark.parametrize("corners", [TRUE, ASIDE], ids=["from ahead", "from aside"])
 @pytest.mark.parametrize("depth", [0.0, 0.05, 0.1])
 def test_walls_before_the_diffuser_do_not_move_corners(depth: float, corners: Floats) -> None:
-    """What they hide at one end of each cell, and how far LEDs seem aside, is theirs."""
+    """They explain what is hidden at one end of each cell, and how far LEDs seem aside."""
     panel = Panel(corners=corners, depth=depth)
     fit = fitted(panel, window_of(panel.light(), noise=0.01), corners + OFF_PX)
     assert np.abs(fit.corners_px - corners).max() < 0.15
@@ -176,7 +176,7 @@ def test_one_step_undoes_a_wrong_corner(solved: Solved, coordinate: int) -> None
 
 @pytest.mark.parametrize("seed", range(32))
 def test_more_rounds_leave_no_more(seed: int) -> None:
-    """Of small panels with three LEDs along a cell, walls, and a gap or none: a step too far is taken back."""
+    """Small panels have three LEDs along a cell, walls, and a gap or none: a step too far is taken back."""
     rng = np.random.default_rng(seed)
     corners = square(*rng.uniform(80, 81, 2), rng.uniform(22, 26), rng.uniform(0, 90))
     look = {
@@ -339,7 +339,7 @@ def test_a_window_is_linear_light() -> None:
 
 
 def test_a_near_panel_is_averaged_down() -> None:
-    """Of 300 px, by four; the first pixel's centre is the mean of the sixteen that it is of."""
+    """It has 300 px, and is averaged by four; the first pixel's centre is the mean of the sixteen that it is of."""
     canvas = Canvas()
     canvas.panel(square(320, 240, 300), word(7))
     window = Window.crop(canvas.frame(), square(320, 240, 300), 0.1)
@@ -357,7 +357,7 @@ def test_where_nothing_is_brighter_there_is_no_window() -> None:
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
 def test_what_is_known_in_one_order_of_corners_is_known_in_another(turns: int) -> None:
-    """What a fit from corners in another order finds: walls, profile, gains and what is beside each side."""
+    """A fit from corners in another order finds the same walls, profile, gains, and light beside each side."""
     gains = np.linspace(0.7, 1.3, 16).reshape(4, 4)
     panel = Panel(corners=TRUE, gains=gains, hot_at=0.52, beside=(0.1, 0.2, 0.3, 0.4), rim=(0.01, 0.02, 0.03, 0.04))
     window = window_of(panel.light(), noise=0.002)

@@ -54,7 +54,7 @@ def test_what_one_picture_says_is_as_sure_as_its_noise_leaves_it() -> None:
 
 
 def test_walls_are_not_taken_for_noise() -> None:
-    """What no model tells of a cell's rim is alike in neighbours, but no noise."""
+    """Neighbours share what no model tells of a cell's rim, but it is no noise."""
     corners = square(310.2, 239.6, 52.0, 8)
     canvas = Canvas()
     canvas.panel(corners, word(7), profile=diffuser)

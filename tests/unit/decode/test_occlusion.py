@@ -28,7 +28,7 @@ def before_the_panel(u: tuple[float, float], v: tuple[float, float]) -> Floats:
 def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
     shade: tuple[tuple[float, float], tuple[float, float]],
 ) -> None:
-    """Where the corners are is known here; the panel's ID is all that is asked."""
+    """The corners are known here; the panel's ID is all that is asked."""
     canvas = Canvas()
     canvas.panel(TRUE, word(7))
     canvas.lamp(before_the_panel(*shade), 0.0)
@@ -100,7 +100,7 @@ def test_the_tip_of_a_corner_is_covered_too(reach: float) -> None:
 
 @pytest.mark.parametrize("darkness", [0.05, 0.01, 0.0], ids=["a corner", "hardly any", "none"])
 def test_nothing_is_covered_where_each_sample_has_its_share(darkness: float) -> None:
-    """Of what cells show at its place on average, over their own means; of samples that are valid."""
+    """The share is of what cells show at its place on average, over their own means; of samples that are valid."""
     canvas = Canvas()
     canvas.panel(TRUE, word(7))
     if darkness:
@@ -125,6 +125,6 @@ def test_a_whole_panel_keeps_all_samples() -> None:
 
 
 def test_bands_that_darken_as_much_as_a_cover() -> None:
-    """Of a depth d the darkest is 1 − d, the upper quartile 1 + d/√2: a share of 0.75 at d = 0.163."""
+    """At a depth d the darkest is 1 − d, the upper quartile 1 + d/√2: a share of 0.75 at d = 0.163."""
     assert not bands_mimic_occlusion(0.16)
     assert bands_mimic_occlusion(0.17)

@@ -1,4 +1,4 @@
-"""Whether what a word says hangs together: by hand, of cells whose evidence is their own alone."""
+"""A word is plausible or not: by hand, of cells whose evidence is their own alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WHITE = (np.arange(16) % 2 == 1).astype(np.float32)
 
 
 def panel_with(information: float, unlike: float, depth: float = FAINT, white: Singles = WHITE) -> Evidence:
-    """Of a panel that shows the word, each cosine and sine known by this `information`; and of something `unlike` it.
+    """Evidence of a panel that shows the word, cosines and sines known by `information`; and of something `unlike` it.
 
     This much log-likelihood, alike in all cells, of the wave that the word does not say they have.
     """
@@ -64,7 +64,7 @@ def test_where_bands_are_deep_a_word_leads_by_more_than_is_wrong(lead: float, ex
 
 @pytest.mark.parametrize(("lead", "settled"), [(200.0, False), (40_000.0, True)])
 def test_an_error_that_one_cell_has_all_of_may_be_larger_in_another(lead: float, settled: bool) -> None:
-    """Of 4 bands alone 11.3 = 2·ln(1 + lead/left) would ask for 280 times of what is left, here some 100 nats."""
+    """By 4 bands alone 11.3 = 2·ln(1 + lead/left) would ask for 280 times of what is left, here some 100 nats."""
     depth, information = 1.2, 3000.0 * 50.0 * (FAINT / 1.2) ** 2
     evidence = panel_with(information, 0.0, depth)
     score = evidence.score.copy()

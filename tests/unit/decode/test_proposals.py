@@ -1,4 +1,4 @@
-"""Where panels may be: every panel is among the proposals, nearly enough for a fit; what they cost is bounded."""
+"""Proposals hold every panel, nearly enough for a fit; what they cost is bounded."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def with_moved_ends(frame: Frame) -> list[Candidate]:
 
 
 def off_by(corners: Floats, true: Floats) -> float:
-    """How far the farthest corner is off, in sides, whichever comes first."""
+    """Distance of the farthest corner, in sides, whichever corner comes first."""
     turned = (np.roll(true, turn, axis=0) for turn in range(4))
     far_px = min(float(np.linalg.norm(corners - at, axis=1).max()) for at in turned)
     return far_px / quad_side(true.tolist())
@@ -166,7 +166,7 @@ SEEN = [
 
 @pytest.mark.parametrize("turn_deg", [0, 20, 45])
 def test_a_small_panel_before_a_wall_as_bright_as_it_is(turn_deg: float) -> None:
-    """Of 18 px, cells of 4½: no grey level tells it from the wall, but the gaps between its cells do."""
+    """It has 18 px, cells of 4½: no grey level tells it from the wall, but the gaps between its cells do."""
     true = square(310.3, 236.6, 18, turn_deg)
     canvas = Canvas(background=0.4)
     canvas.panel(true, word(7), light=0.45)
@@ -190,7 +190,7 @@ def test_cells_may_be_missing(missing: tuple[int, ...]) -> None:
 
 
 def test_where_most_cells_are_seen_comes_first() -> None:
-    """Of a further row three spots are seen: the panel comes before the lattice that is a row off."""
+    """Three spots of a further row are seen: the panel comes before the lattice that is a row off."""
     corners = square(310, 240, 100, 20)
     below = middles(corners)[-4:-1] + (corners[3] - corners[0]) / 4
     picture = blobs(np.concatenate([np.delete(middles(corners), 1, axis=0), below]), 8.0)
@@ -227,7 +227,7 @@ def test_of_a_larger_lattice_none_is_taken() -> None:
 
 
 def test_a_cameras_noise_makes_no_lattice() -> None:
-    """Of two grey levels, however it is smoothed; blots may, but no more than two dozen in a picture."""
+    """Noise of two grey levels, however it is smoothed; blots may, but no more than two dozen in a picture."""
     for blur_px, levels, most in ((0.0, 2.0, 0), (4.0, 2.0, 0), (4.0, 20.0, 24)):
         picture = np.random.default_rng(3).standard_normal((480, 640))
         if blur_px:

@@ -1,4 +1,4 @@
-"""What a track tells once a frame has been misunderstood: such a frame is not remembered with those that add up."""
+"""A track outlasts a frame that was misunderstood: such a frame is not remembered with those that add up."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def read_id(identity: Identity | Rejected) -> int | str:
 
 
 def further(reader: Reader, history: History, frame: Frame, where: Floats) -> tuple[History, Identity | Rejected]:
-    """What is known once a frame was looked at there, and what it was read as."""
+    """The history once a frame was looked at there, and what it was read as."""
     outcome = reader.read(history, observed(frame, where))
     return outcome.history, outcome.identity
 
@@ -84,7 +84,7 @@ def test_while_nothing_adds_up_each_frame_still_speaks_for_itself(reader: Reader
 
 
 def test_of_frames_that_told_nothing_from_the_first_the_next_good_one_tells_within_eight(reader: Reader) -> None:
-    """What came out from behind something was not read before, and five frames of it were of something else."""
+    """It came out from behind something, was not read before, and five frames of it were of something else."""
     history = History.empty((SPEC,))
     for seq in range(5):
         history, read = further(reader, history, panel_frame(seq, NEAR), NEAR + (NEAR[1] - NEAR[0]) / 2)

@@ -13,7 +13,7 @@ from tests.builders.samples import samples_of
 
 
 def test_a_cell_that_is_surely_of_the_other_class_stays_so() -> None:
-    """Of two wrong cells one is half in a dark band, half hidden. Started as the codeword has them, both fit it."""
+    """Two cells are wrong: one is half in a dark band, half hidden. Started as the codeword has them, both fit it."""
     true, shown = square(310.4, 240.2, 60.0, 12), word(7)
     shown[2, 0], shown[3, 0] = ~shown[2, 0], ~shown[3, 0]
     canvas = Canvas(exposure_us=SHORT_US)

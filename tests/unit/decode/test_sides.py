@@ -1,4 +1,4 @@
-"""What a side may be off, beside what the fit says: by rims that are written down here."""
+"""A side may be off by more than the fit says: by rims that are written down here."""
 
 from __future__ import annotations
 

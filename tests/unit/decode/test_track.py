@@ -52,7 +52,7 @@ def test_a_square_is_followed_where_it_was(tracker: Tracker) -> None:
     "corners", [square(400, 200, 60), square(300, 250, 60), square(300, 200, 90), square(300, 200, 40)]
 )
 def test_elsewhere_or_of_another_size_a_new_track_begins(tracker: Tracker, corners: Floats) -> None:
-    """What is a side away, or half as large again, is another thing."""
+    """A square that is a side away, or half as large again, is another thing."""
     (first,) = follow(tracker, 1, PLACE)
     (second,) = follow(tracker, 2, corners)
     assert second is not first
@@ -68,7 +68,7 @@ def test_a_track_outlives_frames_that_do_not_show_its_square(tracker: Tracker) -
 
 @pytest.mark.parametrize("between", [[], [10, 20, 30]])
 def test_a_track_dies_after_half_a_second(tracker: Tracker, between: list[int]) -> None:
-    """Whether frames came in between, or time jumped as between the takes of a recording."""
+    """Frames came in between, or time jumped as between the takes of a recording."""
     (first,) = follow(tracker, 1, PLACE)
     for number in between:
         follow(tracker, number)
@@ -93,7 +93,7 @@ def test_a_moving_square_is_sought_ahead(tracker: Tracker) -> None:
 
 
 def test_a_moving_square_is_not_sought_where_it_was(tracker: Tracker) -> None:
-    """What stands there now is another one."""
+    """Another one stands there now."""
     follow(tracker, 1, square(100, 200, 25))
     (moving,) = follow(tracker, 2, square(108, 200, 25))
     (other,) = follow(tracker, 7, square(108, 200, 25))
@@ -108,7 +108,7 @@ def test_two_squares_side_by_side_do_not_swap(tracker: Tracker) -> None:
 
 
 def test_a_square_continues_the_nearest_track(tracker: Tracker) -> None:
-    """Of two whose places it may come from; and each of them once."""
+    """It may come from the places of two; each of them is continued once."""
     first, second = follow(tracker, 1, PLACE, square(334, 200, 60))
     assert follow(tracker, 2, square(319, 200, 60)) == [second]
     assert follow(tracker, 3, square(319, 200, 60), square(280, 200, 60)) == [second, first]
@@ -229,7 +229,7 @@ def test_a_panel_that_was_read_hides_what_is_around_it(tracker: Tracker, around:
 
 
 def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
-    """Of a bezel and the panel within it, say, one of which had been told wrongly before."""
+    """A bezel and the panel within it, say, one of which had been told wrongly before."""
     first, second = follow(tracker, 1, PLACE, square(302, 200, 78))
     tracker.begin_frame(2 * FRAME_NS)
     between = square(301, 200, 68)
@@ -250,7 +250,7 @@ def test_what_overlaps_a_panel_is_followed_no_longer(tracker: Tracker) -> None:
 
 
 def test_panels_are_those_that_the_last_frame_showed(tracker: Tracker) -> None:
-    """What was out of view for a frame is left to a search, and so are squares that were not read."""
+    """A panel that was out of view for a frame is left to a search, and so are squares that were not read."""
     first, second = follow(tracker, 1, PLACE, square(450, 200, 60))
     first.history = first.history.enter(State.READ, SHOWN)
     tracker.begin_frame(2 * FRAME_NS)
@@ -275,7 +275,7 @@ def test_what_is_not_read_in_sixteen_frames_is_left_to_a_search(
 
 
 def test_whether_panels_are_seen(tracker: Tracker) -> None:
-    """Of those that were read; without any there are none to see."""
+    """Those count that were read; without any there are none to see."""
     tracker.begin_frame(FRAME_NS)
     assert tracker.panels_shown() == []
     first, _ = follow(tracker, 1, PLACE, square(450, 200, 60))
