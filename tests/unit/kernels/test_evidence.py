@@ -1,4 +1,4 @@
-"""What the core makes of a panel's cells: held to the equations, written once in numpy, and to the waves themselves."""
+"""The core weighs a panel's cells: held to the equations, written once in numpy, and to the waves themselves."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_the_evidence_of_a_picture(side: float) -> None:
 
 @pytest.mark.parametrize("depth", EXPOSURE_US)
 def test_the_evidence_of_a_second_look(depth: str) -> None:
-    """Where the bands are known already, and hide or show what is static."""
+    """The bands are known already, and hide or show what is static."""
     samples, frame = seen(90.0, EXPOSURE_US[depth])
     assert_alike(samples, frame, believed_of(samples, frame))
 
@@ -91,7 +91,7 @@ def test_the_evidence_of_one_wave() -> None:
 
 
 def test_the_evidence_of_a_picture_with_holes() -> None:
-    """What is saturated is filled in, in the first look and in the second."""
+    """Saturated samples are filled in, in the first look and in the second."""
     samples, frame = seen(60.0)
     holes = with_holes(samples)
     assert_alike(holes, frame)
@@ -107,7 +107,7 @@ def test_light_that_is_no_number_is_no_evidence() -> None:
 
 
 def test_waves_are_cosine_and_sine() -> None:
-    """Of black's bands, then of white's, at the phases that they have some time after the origin."""
+    """Black's come first, then white's, at the phases that they have some time after the origin."""
     samples, frame = seen(40.0)
     since_s = 0.3217
     seconds = since_s + samples.rows.astype(np.float64) * frame.row_time_us * 1e-6
@@ -205,7 +205,7 @@ def test_light_that_is_no_number_is_looked_at_in_vain() -> None:
 
 
 def test_a_short_list_of_words() -> None:
-    """Of fewer words than are compared exactly, each is there."""
+    """Each word is there, where there are fewer than are compared exactly."""
     samples, frame = seen(60.0)
     evidence = single_evidence(samples, frame, SPEC)
     assert isinstance(evidence, Evidence)

@@ -50,7 +50,7 @@ def test_distort_is_opencvs_projection(lens: Intrinsics) -> None:
 
 @pytest.mark.parametrize("lens", MODELS)
 def test_undistort_undoes_opencvs_projection(lens: Intrinsics) -> None:
-    """Where OpenCV puts a ray, that ray is found again, to 1e-6 px."""
+    """A ray is found again where OpenCV puts it, to 1e-6 px."""
     rays = (grid_of_pixels(lens) - (lens.cx, lens.cy)) / (lens.fx, lens.fy)
     found = undistort(opencv_pixels(rays, lens), lens)
     np.testing.assert_allclose(found, rays, rtol=0, atol=1e-6 / lens.fx)
@@ -87,7 +87,7 @@ def test_directions_of_public_calibrations_are_opencvs(name: str) -> None:
 
 
 def outward_slopes(lens: Intrinsics, to: float) -> Floats:
-    """How fast pixels go outward, by OpenCV, in a thousand steps of rays up to the length `to`; in focal lengths."""
+    """Slopes of pixels outward, by OpenCV, in a thousand steps of rays up to the length `to`; in focal lengths."""
     ways = np.stack([np.cos(np.arange(16) * math.pi / 8), np.sin(np.arange(16) * math.pi / 8)], axis=1)
     lengths = np.tan(np.arctan(to) * np.arange(1, 1001) / 1000)
     seen = opencv_pixels((lengths[:, None, None] * ways).reshape(-1, 2), lens).reshape(1000, 16, 2)
@@ -96,7 +96,7 @@ def outward_slopes(lens: Intrinsics, to: float) -> Floats:
 
 
 def test_a_lens_that_folds_has_no_ray_beyond_its_fold() -> None:
-    """Of k1 = -0.4 the radius r (1 - 0.4 r²) turns back at r = 1 / √1.2, 304 px from the middle at fx 500."""
+    """With k1 = -0.4 the radius r (1 - 0.4 r²) turns back at r = 1 / √1.2, 304 px from the middle at fx 500."""
     lens = camera((-0.4, 0.0, 0.0, 0.0, 0.0), focal=500)
     assert widest_ray(lens) == pytest.approx(1 / math.sqrt(1.2), rel=2e-3)
     rays = undistort(np.array([[317.0 + 300, 244.0], [317.0 + 310, 244.0]]), lens)
@@ -108,7 +108,7 @@ def test_a_lens_that_folds_has_no_ray_beyond_its_fold() -> None:
 
 
 def test_a_mirrored_lens_makes_mirrored_pictures() -> None:
-    """Of each model: a ray from the other side is seen at the mirrored pixel."""
+    """Each model does so: a ray from the other side is seen at the mirrored pixel."""
     for lens in MODELS:
         rays = (grid_of_pixels(lens) - (lens.cx, lens.cy)) / (lens.fx, lens.fy)
         mirrored = distort(rays * (-1, 1), lens.mirrored())

@@ -48,7 +48,7 @@ def marker(
 def printed(
     *markers: MarkerPose, robot: RobotFix | None = None, rejected: tuple[Rejected, ...] = (), name: str = "static/d0.6"
 ) -> dict[str, Any]:
-    """What a reader of the printed line gets."""
+    """The fields that a reader of the printed line gets."""
     decoded = Decoded(
         seq=3,
         row0_readout_ns=1_010_000_000,

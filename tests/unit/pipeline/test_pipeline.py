@@ -139,7 +139,7 @@ def test_an_uncalibrated_camera_gives_ids_without_poses() -> None:
 
 
 def test_a_panel_moves_from_where_it_was_read() -> None:
-    """What was not read there may have been fitted a part of a cell beside: no velocity, where it is read first."""
+    """A square that was not read may have been fitted a part of a cell beside: no velocity, where it is read first."""
     stream, here, beside, unknown = pipeline(stream=True), square(320, 240, 100), square(320, 230, 100), word(7)
     unknown[0], unknown[3] = unknown[3].copy(), unknown[0].copy()
     assert not stream.decode(frame_of((beside, unknown))).markers
@@ -150,12 +150,12 @@ def test_a_panel_moves_from_where_it_was_read() -> None:
 
 
 def turned_by(yaw_deg: float) -> Floats:
-    """Of a panel that faces the camera but for this."""
+    """(3, 3) orientation of a panel that faces the camera but for this."""
     return np.asarray(cv2.Rodrigues(np.array([0, np.radians(yaw_deg), 0]))[0] @ np.diag([1.0, -1.0, -1.0]))
 
 
 def third_of(yaw_deg: float) -> MarkerPose:
-    """Of a stream's frames, 3.6 m before a panel that is turned by so much."""
+    """Pose in the third of a stream's frames, 3.6 m before a panel that is turned by so much."""
     square_m = 0.08 * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
     points = square_m @ turned_by(yaw_deg).T + (0.01, 0.02, 3.6)
     seen = points[:, :2] / points[:, 2:] * PINHOLE.fx + (PINHOLE.cx, PINHOLE.cy)
@@ -451,7 +451,7 @@ def test_a_panel_that_blinks_as_announced_is_not_tuned() -> None:
 
 
 def test_corners_are_always_the_frames_own() -> None:
-    """Of a panel that moves by 6 px a frame: where it is in this frame, not where it was."""
+    """A panel moves by 6 px a frame: its corners are where it is in this frame, not where it was."""
     path = pipeline(stream=True)
     for n in range(8):
         corners = square(200.4 + 6 * n, 240.3 + 2 * n, 90, 4)
