@@ -21,7 +21,8 @@ from tests.builders.decode import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, square,
 from tests.builders.samples import observed
 
 SIDES = {"near": 75, "far": 36}
-PANELS = {  # and those whose oscillators are off
+PANELS = {  # whose oscillators are off; frequencies are searched for where a story has "off"
+    "drifting": dataclasses.replace(SPEC, white_hz=2440.0),
     "off": dataclasses.replace(SPEC, black_hz=1262.0, white_hz=2431.0),
     "beside-off": dataclasses.replace(SPEC, black_hz=1262.0, white_hz=2431.0),
     "half-off": dataclasses.replace(SPEC, white_hz=2440.0),
@@ -65,6 +66,9 @@ STORIES = {  # the first word is the distance
     "near, four frames aside are left out, the next begins anew": (
         "1 panel ADDS READ, 2 panel MATCHES READ, 4 aside ADDS_NOTHING DOUBTED, 1 aside ADDS_NOTHING SEARCHING, "
         "1 panel ADDS READ"
+    ),
+    "near, of frames that do not add up the newest still shows the ID": (
+        "1 drifting ADDS READ, 8 drifting MATCHES READ, 1 drifting ADDS READ, 2 drifting MATCHES READ"
     ),
     "near, what was doubted was another panel": (
         "1 panel ADDS READ, 2 panel MATCHES READ, 2 aside ADDS_NOTHING DOUBTED, 1 other CONTRADICTS READ"
