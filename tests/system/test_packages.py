@@ -170,7 +170,7 @@ def test_the_wheel_for_arm_decodes_alike(dist: Path, take: Path, tmp_path: Path)
 
 @slow
 def test_the_wheel_for_arm_is_as_certain(dist: Path, take: Path) -> None:
-    """Of a first frame's pose: its covariance is that of the wheel for x86-64, but for rounding."""
+    """A first frame's pose has the covariance that the wheel for x86-64 gives it, but for rounding."""
     options = ["decode", "--single-frame", str(take)]
     printed = (
         run(ROOT / "scripts/emulated-aarch64", wheel(dist, "aarch64"), *options),
