@@ -102,7 +102,7 @@ def test_what_is_unlikely_has_its_turn_in_a_stream() -> None:
     others = [each._replace(evidence=-1.0) for each in others]
     agenda, tried = Agenda(), []
     for _ in range(6):
-        assert agenda.is_due(all_detected=False)
+        assert agenda.is_due(())
         first, last = agenda.schedule([likely, *others])
         assert quad_side((first.corners_px - likely.corners_px).tolist()) == 0
         agenda.tried(last)
