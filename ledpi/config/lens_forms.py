@@ -67,12 +67,18 @@ def read_lens_form(path: Path) -> LensForm:
         if found is not None:
             names[key] = str(own[found])
             values[key] = content[own[found]]
+    model = _model({own[key]: content[own[key]] for key in _MODEL_KEYS if key in own}, path)
+    if "camera_matrix" not in names:
+        raise CalibrationError(f"{path}: {EXPECTED}")
     for size in (content[own[key]] for key in _SIZES if key in own):
-        width, height = size.values() if _is_size(size) else size if _is_pair(size) else (None, None)
-        values = {"image_width": width, "image_height": height, **values}
-    values["camera_matrix"] = _matrix(values.get("camera_matrix"))
-    values["distortion_coefficients"] = _flat(values.get("distortion_coefficients", []))
-    return LensForm(values, names, _model({own[key]: content[own[key]] for key in _MODEL_KEYS if key in own}, path))
+        values = {**dict(zip(("image_width", "image_height"), _size(size), strict=True)), **values}
+    values["camera_matrix"] = _matrix(values["camera_matrix"])
+    if "distortion_coefficients" not in names:  # they may be there by a name that is not known
+        raise CalibrationError(
+            f"{path}: distortion_coefficients: must be given, by that name; [0, 0, 0, 0, 0] for a lens without any"
+        )
+    values["distortion_coefficients"] = _flat(values["distortion_coefficients"])
+    return LensForm(values, names, model)
 
 
 def of_model(model: DistortionModel | None, values: Sequence[float]) -> tuple[DistortionModel, tuple[float, ...]]:
@@ -114,7 +120,7 @@ def _parsed(text: str, path: Path) -> Any:
     if re.search(r"^\[image\]\s*$", text, re.MULTILINE):
         return _ini(text)
     # OpenCV begins with a directive that no other reader knows; an echo goes on with further messages.
-    plain = re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE).replace("!!opencv-matrix", "")
+    plain = re.sub(r"^%YAML.*$|!!opencv-(nd-)?matrix", "", text, flags=re.MULTILINE)
     parts = [part for part in re.split(r"^---[ \t]*$", plain, flags=re.MULTILINE) if part.strip()]
     return parse_yaml(parts[0] if parts else "", path, CalibrationError)
 
@@ -174,12 +180,11 @@ def _spelling(text: object) -> str:
     return re.sub(r"[\s_-]", "", str(text)).lower()
 
 
-def _is_pair(size: Any) -> bool:
-    return isinstance(size, list) and len(size) == 2
-
-
-def _is_size(size: Any) -> bool:
-    return isinstance(size, dict) and list(size) == ["width", "height"]
+def _size(size: Any) -> list[Any]:
+    """Width and height, of [width, height] or of a mapping; of anything else, nothing."""
+    if isinstance(size, dict):
+        size = [size.get("width"), size.get("height")] if "width" in size else _flat(size)
+    return size if isinstance(size, list) and len(size) == 2 else [None, None]
 
 
 def _flat(value: Any) -> Any:

@@ -148,6 +148,12 @@ FORMS = {
         LENS,
     ),
     "OpenCV, YAML": (opencv(K.replace(", 0,", ", 0.,"), D), LENS),
+    "OpenCV 5, arrays of one dimension": (
+        "%YAML 1.2\n---\nimageSize: !!opencv-nd-matrix\n   sizes: [ 2 ]\n   dt: i\n   data: [ 640, 480 ]\n"
+        f"K: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {K} ]\n"
+        f"D: !!opencv-nd-matrix\n   sizes: [ 5 ]\n   dt: d\n   data: [ {D} ]\n",
+        LENS,
+    ),
     "OpenCV, XML": (XML, LENS),
     "OpenCV, fisheye": (opencv(FISHEYE_K, FISHEYE_D, "fisheye_model: 1\n"), FISHEYE),
     "OpenCV, no fisheye": (opencv(K, D.rpartition(",")[0], "fisheye_model: 0\n"), None),
@@ -166,6 +172,10 @@ FORMS = {
         FISHEYE,
     ),
     "PhotonVision": (photonvision(D + ",0.0,0.0,0.0"), LENS),
+    "PhotonVision, the height first": (
+        photonvision(D + ",0,0,0").replace('"width": 640.0, "height": 480.0', '"height": 480.0, "width": 640.0'),
+        LENS,
+    ),
     "PhotonVision, rational": (photonvision(RATIONAL_D), RATIONAL),
 }
 
@@ -207,7 +217,10 @@ CAMERA = (("width", 640), ("height", 480), ("fx", 642.5), ("fy", 643.5), ("cx", 
         (XML.replace("<?xml version=\"1.0\"?>", "<!DOCTYPE x [<!ENTITY a 'b'>]>"), "its XML declares something"),
         (XML[:300], "not valid XML"),
         (photonvision(D)[:100], "not valid JSON"),
-        ("{\"tags\": []}", "image_width: must be given"),
+        ("{\"tags\": []}", "must hold a lens: "),
+        (ROS.format(K) + "distortion_model: plumb_bob\ndistortion_parameters: [0.1, -0.2, 0, 0, 0.06]\n",
+         "distortion_coefficients: must be given"),
+        (photonvision(D).replace("distCoeffs", "cameraExtrinsics"), "distortion_coefficients: must be given"),
     ],
 )  # fmt: skip
 def test_what_is_no_known_lens_is_refused(tmp_path: Path, text: str, expected: str) -> None:
