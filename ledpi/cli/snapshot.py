@@ -32,6 +32,7 @@ class _Source(NamedTuple):
     panel: PanelValues | None
     intrinsics: Intrinsics | None
     pictures: tuple[Path, ...] = ()  # of a recording
+    run: tuple[Frame, ...] = ()  # of its stream, about it
 
 
 @app.command()
@@ -78,7 +79,7 @@ def snapshot(
     check_apart(out.parent, source.pictures, "--out")
     pipeline = pipeline_of(settings, source.camera, source.intrinsics, source.panel, stream=False)
     taken = take(source.title, source.frame, pipeline, source.intrinsics)
-    why = explain(taken)
+    why = explain(taken, source.camera.rows_from, source.run)
     write_drawn(out, draw_steps(taken) if steps else draw(taken, why), "--out")
     typer.echo(f"{out}: {source.title}: {summary(taken.decoded)}")
     for says, helps in reasons(why):
@@ -115,7 +116,8 @@ def _of_daemon(config: Path | None, overrides: list[str]) -> tuple[_Source, Conf
     with tap:
         settings = settings_of(tap.hello, overrides)
         taken = showing_a_panel(tap, settings, LOOK_FRAMES)
-    return _Source(taken.title, taken.frame, taken.camera, None, taken.camera.intrinsics), settings
+    source = _Source(taken.title, taken.frame, taken.camera, None, taken.camera.intrinsics, run=taken.run)
+    return source, settings
 
 
 def _from_camera(settings: Config, seq: int | None) -> _Source:
@@ -136,7 +138,8 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
         frame = looking.showing_a_panel() if seq is None else _numbered(looking.frames(), seq)
         if frame is None:
             raise CameraError(f"camera.source: {name} ended before frame {seq or 0}")
-        return _Source(f"{Path(name).name}, frame {frame.seq}", frame, camera.info, camera.panel, lens)
+        title = f"{Path(name).name}, frame {frame.seq}"
+        return _Source(title, frame, camera.info, camera.panel, lens, run=tuple(looking.run))
     finally:
         camera.close()
 
@@ -155,22 +158,28 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
 
     from ledpi.camera.recording import RecordingCamera
     from ledpi.config.camera_yaml import lens_of
+    from ledpi.diagnosis.why_not import RUN_FRAMES
     from ledpi.recording.overrides import load_recording_with
     from ledpi.recording.picture import read_picture
 
     recording = load_recording_with(settings, folder)
-    frames = recording.frames
-    entry = next((entry for entry in frames if seq is None or entry.seq == seq), None)
-    if entry is None:
-        raise RecordingError(f"{folder}: has no frame {seq}; has {len(frames)}, {frames[0].seq} to {frames[-1].seq}")
-    picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
-    fault = read_picture(entry.picture, picture)
-    if fault is not None:
-        raise RecordingError(fault.message)
+    entries = recording.frames
+    at = next((index for index, entry in enumerate(entries) if seq is None or entry.seq == seq), None)
+    if at is None:
+        raise RecordingError(f"{folder}: has no frame {seq}; has {len(entries)}, {entries[0].seq} to {entries[-1].seq}")
+    run: list[Frame] = []
+    for entry in entries[max(0, at + 1 - RUN_FRAMES) :][:RUN_FRAMES]:
+        picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
+        fault = read_picture(entry.picture, picture)
+        if fault is None:
+            run.append(recording.frame(entry, picture))
+        elif entry is entries[at]:
+            raise RecordingError(fault.message)
+    frame = next(one for one in run if one.seq == entries[at].seq)
     camera = RecordingCamera(recording, paced=False)
-    title = f"{folder.resolve().name}, frame {entry.seq}"
-    lens, pictures = lens_of(camera.info, settings.camera.intrinsics), tuple(entry.picture for entry in frames)
-    return _Source(title, recording.frame(entry, picture), camera.info, camera.panel, lens, pictures)
+    title = f"{folder.resolve().name}, frame {frame.seq}"
+    lens, pictures = lens_of(camera.info, settings.camera.intrinsics), tuple(entry.picture for entry in entries)
+    return _Source(title, frame, camera.info, camera.panel, lens, pictures, tuple(run))
 
 
 def reasons(why: Why) -> list[tuple[str, str]]:

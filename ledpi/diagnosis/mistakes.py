@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.core.records import Floats
+from ledpi.core.records import Floats, RowsFrom
 from ledpi.markers.codewords import Bits, Dictionary
 from ledpi.markers.dictionaries import dictionary_names, load_dictionary
 
@@ -52,6 +52,15 @@ def of_dictionary(word: int, other: Dictionary, configured: Dictionary) -> Mista
     return Mistake(
         f"looks like ID {word} of {other.name}",
         f"panels.dictionary is {configured.name}: change the panel or this setting so that they match",
+    )
+
+
+def turned(word: int, rows_from: RowsFrom) -> Mistake:
+    """Rows were read out from the other side of the picture than configured."""
+    why = {"below": "a program turned the picture by 180° after read-out", "above": "the picture is as it was read out"}
+    return Mistake(
+        f"this is ID {word}, if the picture's rows run from {rows_from}: {why[rows_from]}",
+        f"set camera.rows_from: {rows_from}",
     )
 
 

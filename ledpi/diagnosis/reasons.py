@@ -57,7 +57,7 @@ REASONS: dict[str, Explained] = {
     "identify.not_in_dictionary": Explained(
         "the pattern is no codeword of the dictionary, or cannot be distinguished from such a pattern",
         "go nearer; more frames; or a cell is on the wrong output, or soldered as seen from the front: compare the "
-        "cells with the wiring picture",
+        "cells with the wiring picture; for pictures that were turned by 180°, camera.rows_from",
     ),
     "identify.ambiguous": Explained("two IDs are nearly as likely", "go nearer; more frames"),
     "identify.inconsistent_cells": Explained(

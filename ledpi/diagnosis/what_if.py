@@ -16,7 +16,7 @@ import numpy as np
 
 from ledpi.config.panels import PanelSettings
 from ledpi.core.geometry import quad_side
-from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics
+from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics, RowsFrom
 from ledpi.diagnosis import mistakes, other_frequencies
 from ledpi.diagnosis.mistakes import Mistake
 from ledpi.markers.codewords import Dictionary
@@ -53,12 +53,14 @@ class WhatIf:
         self._made: list[_Guess] = []
         self._to_make = self._make_guesses()
 
-    def readings(self, frame: Frame, places_px: Sequence[Floats], found_px: Sequence[Floats]) -> list[Supposed]:
+    def readings(
+        self, frame: Frame, places_px: Sequence[Floats], found_px: Sequence[Floats], run: Sequence[Frame] = ()
+    ) -> list[Supposed]:
         """Reads near `places_px` (4, 2 each), each place by the first guess that explains it.
 
-        `found_px`: those of them at which the cells of a panel were found.
+        `found_px`: those of them at which the cells of a panel were found. `run`: frames of one stream about this one.
         """
-        readings: list[Supposed] = []
+        readings = self._from_other_side(run, places_px) if len(run) > 1 else []
         for guess in self._guesses():
             left = [at for at in places_px if not _is_among(at, readings)]
             if not left:
@@ -74,6 +76,31 @@ class WhatIf:
             if (mistake := guess.says(marker.detection.id)) is not None:
                 corners = marker.detection.corners_px
                 yield Supposed(self._flipped_back(corners) if guess.flipped else corners, mistake)
+
+    def _from_other_side(self, run: Sequence[Frame], places_px: Sequence[Floats]) -> list[Supposed]:
+        """Reads the panels to which frames add more where rows run from the other side of the picture.
+
+        A frame alone does not tell: its bands look the same. From frame to frame they move the other way.
+        """
+        own = self._camera.rows_from
+        other: RowsFrom = "above" if own == "below" else "below"
+        near = [_only(frame, places_px) for frame in run]
+        turned, as_it_is = self._longest_read(near, other), self._longest_read(near, own)
+        return [
+            Supposed(one.corners_px, mistakes.turned(marker_id, other))
+            for marker_id, one in turned.items()
+            if one.frames_used > 1 and (marker_id not in as_it_is or as_it_is[marker_id].frames_used < one.frames_used)
+        ]
+
+    def _longest_read(self, run: Sequence[Frame], rows_from: RowsFrom) -> dict[int, Detection]:
+        """By ID, the last of those detections that most frames made."""
+        panels = self._panels.model_copy(update={"ids": tuple(range(len(self._dictionary.codewords)))})
+        pipeline = Pipeline(replace(self._camera, rows_from=rows_from), panels, intrinsics=self._lens)
+        found: dict[int, Detection] = {}
+        for one in (marker.detection for frame in run for marker in pipeline.decode(frame).markers):
+            if one.id not in found or one.frames_used >= found[one.id].frames_used:
+                found[one.id] = one
+        return found
 
     def _retuned(self, frame: Frame, at: Floats) -> list[Supposed]:
         """The candidate (4, 2) at other frequencies."""

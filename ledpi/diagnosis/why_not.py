@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -26,6 +27,7 @@ from ledpi.diagnosis.what_if import Supposed, WhatIf, same_place
 REST_S = 1.0  # between two rounds of guesses, at least; and at least as long as one has taken
 KEPT_S = 4.0  # for which a guess stays: a panel that is taken away must not be told of for long
 RECENT_S = 0.8  # for which a thing that is not told again stays: a stream searches the whole picture now and then only
+RUN_FRAMES = 12  # of a stream: a far panel takes up to six or so to be read
 _LEAST_PRIORITY = 10
 
 
@@ -47,19 +49,23 @@ class WhyNot:
         self._until_s = 0.0  # for which these hold
         self._next_s = 0.0  # from when on guesses are made again
         self._guessing = threading.Lock()
+        self._run: deque[Frame] = deque(maxlen=RUN_FRAMES)
 
-    def explain(self, frame: Frame, not_read: Sequence[NotRead], read_px: Sequence[Floats]) -> Why:
-        """All that can be said, however long it takes."""
+    def explain(
+        self, frame: Frame, not_read: Sequence[NotRead], read_px: Sequence[Floats], run: Sequence[Frame] = ()
+    ) -> Why:
+        """All that can be said, however long it takes. `run`: frames of one stream about this one, RUN_FRAMES do."""
         with self._guessing:
-            supposed = self._guess(frame, _apart(not_read, read_px))
+            supposed = self._guess(frame, _apart(not_read, read_px), run)
         return self._why(frame, not_read, read_px, supposed)
 
     def explain_at_once(self, frame: Frame, not_read: Sequence[NotRead], read_px: Sequence[Floats]) -> Why:
         """Explains what can be said now; guesses are those of a frame just before, and are made anew beside."""
         now_s = time.monotonic()
+        self._run.append(frame)
         if now_s >= self._next_s:
             self._next_s = float("inf")
-            args = (frame, _apart(not_read, read_px))
+            args = (frame, _apart(not_read, read_px), tuple(self._run))
             threading.Thread(target=self._guess_beside, args=args, name="guess", daemon=True).start()
         why = self._why(frame, not_read, read_px, self._supposed if now_s < self._until_s else [])
         return why._replace(diagnoses=self._with_recent(now_s, why.diagnoses, read_px))
@@ -81,19 +87,19 @@ class WhyNot:
         diagnoses = diagnose(frame, self._panels, not_read, read_px, supposed)
         return Why(diagnoses, picture_notes(frame, self._panels))
 
-    def _guess(self, frame: Frame, not_read: Sequence[NotRead]) -> list[Supposed]:
+    def _guess(self, frame: Frame, not_read: Sequence[NotRead], run: Sequence[Frame]) -> list[Supposed]:
         worth = [one for one in not_read if worth_a_guess(frame, one)]
         return self._what_if.readings(
-            frame, [one.corners_px for one in worth], [one.corners_px for one in worth if found_cells(one)]
+            frame, [one.corners_px for one in worth], [one.corners_px for one in worth if found_cells(one)], run
         )
 
-    def _guess_beside(self, frame: Frame, not_read: Sequence[NotRead]) -> None:
+    def _guess_beside(self, frame: Frame, not_read: Sequence[NotRead], run: Sequence[Frame]) -> None:
         with suppress(OSError, AttributeError):  # of this thread alone, as Linux does
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _LEAST_PRIORITY)
         since_s = time.monotonic()
         try:
             with self._guessing:
-                self._supposed = self._guess(frame, not_read)
+                self._supposed = self._guess(frame, not_read, run)
         finally:
             now_s = time.monotonic()
             self._next_s = now_s + max(REST_S, now_s - since_s)

@@ -50,7 +50,7 @@ def look(camera: Camera, config: Config) -> list[Finding]:
             seen = _Seen(kept, told)
     if seen is None:
         return []
-    why = WhyNot(camera.info, pipeline.panels, lens).explain(*seen, list(read_px.values()))
+    why = WhyNot(camera.info, pipeline.panels, lens).explain(*seen, list(read_px.values()), looking.run)
     return findings_of(sorted(read_px), why)
 
 

@@ -91,7 +91,8 @@ def _in_view(tap: Client) -> list[Finding]:
     picture = max(pictures, key=lambda one: len(not_read_of(one)))
     read = sorted({marker["id"] for one in pictures for marker in one["decoded"]["markers"]})
     read_px = [corners for one in pictures for corners in read_px_of(one)]
-    why = why_not_of(tap.hello).explain(frame_of(tap.hello, picture), not_read_of(picture), read_px)
+    run = [frame_of(tap.hello, one) for one in pictures]
+    why = why_not_of(tap.hello).explain(frame_of(tap.hello, picture), not_read_of(picture), read_px, run)
     return findings_of(read, why)
 
 

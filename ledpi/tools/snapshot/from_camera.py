@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from ledpi.camera.gain_follower import GainFollower
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Frame, Intrinsics, Rejected
+from ledpi.diagnosis.why_not import RUN_FRAMES
 from ledpi.pipeline.pipeline import Pipeline
 
 EXPOSE_S = 4.0  # twice what the gain's sweep takes
@@ -26,6 +29,7 @@ class Looking:
     def __init__(self, camera: Camera, settings: Config, lens: Intrinsics | None) -> None:
         self._camera, self._settings, self._lens = camera, settings, lens
         self._into = np.empty((camera.info.height, camera.info.width), np.uint8)
+        self.run: deque[Frame] = deque(maxlen=RUN_FRAMES)  # the last of `frames`, each in a place of its own
 
     def expose(self) -> None:
         """Looks for the panels with every gain, where the gain is `auto`, for EXPOSE_S at most."""
@@ -47,6 +51,7 @@ class Looking:
         while (frame := self._camera.read(self._into)) is not None:
             if not isinstance(frame, Rejected):
                 unusable = 0
+                self.run.append(replace(frame, pixels=frame.pixels.copy()))
                 yield frame
                 continue
             unusable += 1

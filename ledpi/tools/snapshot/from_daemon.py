@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config
 from ledpi.core.errors import TapError
 from ledpi.core.records import CameraInfo, Frame
+from ledpi.diagnosis.why_not import RUN_FRAMES
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.tap.client import Client, connect
 from ledpi.tap.frames import camera_of, frame_of
@@ -20,6 +22,7 @@ class Taken(NamedTuple):
     title: str
     frame: Frame
     camera: CameraInfo
+    run: tuple[Frame, ...]  # the last ones, up to it
 
 
 def connected(config: Path | None) -> Client | None:
@@ -46,8 +49,10 @@ def showing_a_panel(tap: Client, settings: Config, of_frames: int) -> Taken:
         method=settings.decode.method,
         stream=False,
     )
+    run: deque[Frame] = deque(maxlen=RUN_FRAMES)
     for _ in range(of_frames):
         frame = frame_of(tap.hello, tap.picture())
+        run.append(frame)
         if alone.decode(frame).markers:
             break
-    return Taken(f"running daemon (pid {tap.hello.get('pid')}), frame {frame.seq}", frame, camera)
+    return Taken(f"running daemon (pid {tap.hello.get('pid')}), frame {frame.seq}", frame, camera, tuple(run))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ledpi.config.panels import PanelSettings
-from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics
+from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, RowsFrom
 from ledpi.diagnosis.diagnose import not_read_in
 from ledpi.diagnosis.why_not import Why, WhyNot
 from ledpi.markers.codewords import Bits
@@ -49,8 +50,8 @@ def take(title: str, frame: Frame, pipeline: Pipeline, intrinsics: Intrinsics | 
     )
 
 
-def explain(snapshot: Snapshot) -> Why:
-    """Why panels are not read in it. Takes a second or two."""
+def explain(snapshot: Snapshot, rows_from: RowsFrom = "above", run: Sequence[Frame] = ()) -> Why:
+    """Why panels are not read in it. `run`: frames of its stream about it. Takes a second or two."""
     frame = snapshot.frame
     height, width = frame.pixels.shape
     camera = CameraInfo(
@@ -59,6 +60,8 @@ def explain(snapshot: Snapshot) -> Why:
         exposure_us=frame.exposure_us,
         row_time_us=frame.row_time_us,
         transfer=frame.transfer,
+        rows_from=rows_from,
     )
     read_px = [marker.detection.corners_px for marker in snapshot.decoded.markers]
-    return WhyNot(camera, snapshot.panels, snapshot.intrinsics).explain(frame, not_read_in(snapshot.trace), read_px)
+    why_not = WhyNot(camera, snapshot.panels, snapshot.intrinsics)
+    return why_not.explain(frame, not_read_in(snapshot.trace), read_px, run)

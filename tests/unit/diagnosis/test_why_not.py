@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from ledpi.core.records import Frame
+from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
+from ledpi.config.settings import Config
+from ledpi.core.records import CameraInfo, Frame, RowsFrom
 from ledpi.diagnosis.diagnose import Diagnosis, NotRead, diagnose, not_read_in
 from ledpi.diagnosis.mistakes import swapped
 from ledpi.diagnosis.what_if import Supposed
-from ledpi.diagnosis.why_not import Why, WhyNot
+from ledpi.diagnosis.why_not import RUN_FRAMES, Why, WhyNot
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
-from tests.builders.faults import FAULTS, PLACE_PX, RIGHT, SIDE_PX, Fault, camera_of, config_of
+from ledpi.simulate.scenes import still_scene
+from ledpi.view.pictures import PERIOD_S
+from tests.builders.faults import DICTIONARY, FAULTS, PLACE_PX, RIGHT, SIDE_PX, Fault, camera_of, config_of
 
 FRAMES = 9  # of a stream
 
@@ -32,7 +41,7 @@ def explained(fault: Fault, *, stream: bool) -> tuple[list[int], Why]:
         ids, corners = [m.detection.id for m in markers], [m.detection.corners_px for m in markers]
         told.append((frame, trace, ids, corners))
     frame, trace, ids, corners = max(told[FRAMES // 2 :] if stream else told, key=lambda one: len(one[1].dropped))
-    return ids, why_not.explain(frame, not_read_in(trace), corners)
+    return ids, why_not.explain(frame, not_read_in(trace), corners, [one[0] for one in told])
 
 
 def at_the_panel(why: Why) -> list[Diagnosis]:
@@ -52,6 +61,53 @@ def test_what_is_wrong_is_said_at_its_place(name: str, stream: bool) -> None:
     assert fault.says in found[0].says
     assert found[0].helps
     assert found[0].kind != "shape"
+
+
+def far_panel(config: Config, *, turned: bool) -> tuple[CameraInfo, Iterator[Frame]]:
+    """A camera without a lens, and its frames of a panel 4 m away, turned by 180° after read-out or not."""
+    sensor = simulated_sensor(config.camera, config.panels)
+    scene = still_scene(sensor, {7: config.panels.spec()}, DICTIONARY, distance_m=4.0, angle_deg=0.0)
+    camera = SimulatedCamera(scene, seed=3, paced=False)
+
+    def frames() -> Iterator[Frame]:
+        while True:
+            frame = camera.read(np.empty((480, 640), np.uint8))
+            assert isinstance(frame, Frame)
+            yield replace(frame, pixels=frame.pixels[::-1, ::-1].copy()) if turned else frame
+
+    return replace(camera.info, rows_from=config.camera.rows_from, intrinsics=None), frames()
+
+
+@pytest.mark.parametrize(("turned", "configured"), [(True, "above"), (False, "below"), (False, "above")])
+def test_rows_from_the_other_side_are_told_of_a_far_panel(turned: bool, configured: RowsFrom) -> None:
+    """Its bands move the other way from frame to frame; one frame alone does not tell. Nothing where they fit."""
+    config = config_of(RIGHT, f"camera.rows_from={configured}")
+    seen_by, frames = far_panel(config, turned=turned)
+    run = list(itertools.islice(frames, RUN_FRAMES))
+    trace = Trace()
+    assert not Pipeline(seen_by, config.panels, intrinsics=None, stream=False).decode(run[0], trace).markers
+    told = WhyNot(seen_by, config.panels, None).explain(run[0], not_read_in(trace), [], run).diagnoses[0]
+    other = "above" if configured == "below" else "below"
+    is_wrong = turned or configured == "below"
+    assert (f"this is ID 7, if the picture's rows run from {other}" in told.says) is is_wrong
+    assert (told.helps == f"set camera.rows_from: {other}") is is_wrong
+    assert told.kind == "panel"
+
+
+def test_rows_from_the_other_side_are_told_while_somebody_watches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the live page does: one picture after the other, and the guess of the last ones is made beside."""
+    monkeypatch.setattr("ledpi.diagnosis.why_not._LEAST_PRIORITY", 0)  # a busy machine would not get to it
+    config = config_of(RIGHT)
+    seen_by, frames = far_panel(config, turned=True)
+    why_not, pipeline = WhyNot(seen_by, config.panels, None), Pipeline(seen_by, config.panels, intrinsics=None)
+    until_s = time.monotonic() + 120
+    says: list[str] = []
+    while not any("rows run from below" in said for said in says) and time.monotonic() < until_s:
+        time.sleep(PERIOD_S)
+        frame, trace = next(frames), Trace()
+        pipeline.decode(frame, trace)
+        says = [one.says for one in why_not.explain_at_once(frame, not_read_in(trace), []).diagnoses]
+    assert any("rows run from below" in said for said in says)
 
 
 def test_what_a_guess_reads_is_outlined_where_it_is_read() -> None:
