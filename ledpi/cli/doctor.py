@@ -57,6 +57,8 @@ def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
         settings = load_config(file, tuple(set_))
     except LedpiError as error:
         yield bad("configuration", str(error), _remedy(file), stops_daemon=True)
+        if file is None and not set_:  # the rest of the page, of the defaults
+            yield from examine(load_config(None, without_file=("panels.side_m=1",)), is_given=False)
         return
     yield configuration(file, asked_for=config is not None)
     yield from examine(settings)

@@ -28,22 +28,27 @@ def configuration(file: Path | None, *, asked_for: bool) -> Finding:
     return Finding(name="configuration", state="unknown", said=said, remedy=remedy)
 
 
-def examine(config: Config) -> Iterator[Finding]:
-    """Each finding as soon as it is known; the camera takes some seconds, and the speed."""
+def examine(config: Config, *, is_given: bool = True) -> Iterator[Finding]:
+    """Each finding as soon as it is known; the camera takes some seconds, and the speed.
+
+    Without `is_given` there is no configuration, and these are the defaults: a daemon is asked whatever it runs with.
+    """
     kind, _, place = config.camera.source.partition(":")
+    tap, daemon = running.connected(config, any_camera=not is_given), None
     yield machine.packages()
+    if tap is not None and not is_given:
+        kind = ""
     if kind == "picamera2":
         yield machine.picamera2()
         yield machine.permissions(("/dev/media*", "/dev/dma_heap/*"))
     elif kind == "v4l2":
         yield machine.permissions((place,))
-    tap, daemon = running.connected(config), None
     if tap is None:
         yield from _to_its_end("camera", _camera(config))
     else:
         daemon = tap.hello.get("pid")
         with tap:
-            yield from _to_its_end("daemon", running.examine(tap, config))
+            yield from _to_its_end("daemon", running.examine(tap, config if is_given else None))
     yield _panel_ids(config.panels)
     yield _map(config)
     yield from _serial(config.serial, daemon)

@@ -38,6 +38,8 @@ def remedy(dev: Path = DEV, sys: Path = SYS) -> str:
         said += (
             f" (by-path is the name of a USB socket: a board there {_NO_NUMBER}, and keeps this name in this socket)"
         )
+    if any("/by-id/" in name and not has_own_number(Path(name), sys) for name in plugged_in):
+        said += f" (a board {_NO_NUMBER}; udev gives it no by-path name here: plug in no second one)"
     return said
 
 

@@ -30,7 +30,7 @@ NO_PORT = "serial.port is null: poses go to the tap alone"
 UNDER_VOLTAGE, THROTTLED = 1 << 0, 1 << 2  # bits of the Pi's `vcgencmd get_throttled`
 
 
-def connected(config: Config) -> Client | None:
+def connected(config: Config, *, any_camera: bool = False) -> Client | None:
     """To the daemon that has the camera of this configuration; None where none runs, or another camera is asked for."""
     socket_path = of_config(config)
     if socket_path is None:
@@ -39,17 +39,18 @@ def connected(config: Config) -> Client | None:
         tap = connect(socket_path)
     except TapError:
         return None
-    if tap.hello.get("camera", {}).get("source") == config.camera.source:
+    if any_camera or tap.hello.get("camera", {}).get("source") == config.camera.source:
         return tap
     tap.close()
     return None
 
 
-def examine(tap: Client, config: Config) -> Iterator[Finding]:
-    """The daemon, whether it runs with this configuration, and the panels before its camera."""
+def examine(tap: Client, config: Config | None) -> Iterator[Finding]:
+    """The daemon, whether it runs with this configuration, if there is one, and the panels before its camera."""
     yield ok("daemon", f"runs (pid {tap.hello.get('pid')}) and has the camera, so it was asked")
     try:
-        yield from other_settings(tap.ask("config")["values"], config)
+        if config is not None:
+            yield from other_settings(tap.ask("config")["values"], config)
         health = _health(tap)
         if health is not None:
             yield from (finding for finding in checks(tap.hello, health) if finding.name != "map")

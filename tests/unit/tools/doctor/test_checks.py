@@ -149,6 +149,18 @@ def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.skipif(Path("/etc/ledpi/config.yaml").exists(), reason="there is a configuration here")
+def test_without_a_configuration_the_page_goes_on(tmp_path: Path) -> None:
+    """What else is missing is told at once; what to do about the configuration comes first."""
+    done = subprocess.run(COMMAND, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=DEADLINE_S)
+    lines = done.stdout.splitlines()
+    assert done.returncode == 1
+    assert lines[0].startswith("✗ configuration      no configuration: ")
+    assert "ledpi config init" in lines[1]
+    assert [line for line in lines if line[2:].startswith(("packages", "serial port", "clock"))] != []
+    assert lines[-1].startswith("`ledpi run` would not run: configuration")
+
+
 @pytest.mark.parametrize(
     ("asked_for", "installed", "state"), [(False, True, "unknown"), (True, True, "ok"), (False, False, "ok")]
 )

@@ -55,6 +55,15 @@ def test_two_boards_without_a_number_are_offered_by_their_sockets(tmp_path: Path
     assert "by-id/" not in said
 
 
+def test_a_board_without_a_number_or_a_socket_s_name_is_told_of(tmp_path: Path) -> None:
+    """Where udev makes no by-path link, another board like it would take the name that is offered."""
+    plug_in(tmp_path, CH340, "gone", "ttyUSB0")
+    (tmp_path / "serial/by-path/gone").unlink()
+    said = ports.remedy(tmp_path)
+    assert said.startswith(f"set serial.port to the controller's name: {tmp_path}/serial/by-id/{CH340} (a board has no")
+    assert "plug in no second one" in said
+
+
 @pytest.mark.parametrize(
     ("by_id", "own"),
     [

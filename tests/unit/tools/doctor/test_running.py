@@ -12,7 +12,7 @@ from ledpi.config.settings import load_config
 from ledpi.core.records import Pixels
 from ledpi.tap.client import connect
 from ledpi.tools.doctor.finding import ok
-from ledpi.tools.doctor.running import checks, examine, other_settings
+from ledpi.tools.doctor.running import checks, connected, examine, other_settings
 from tests.builders.made_up_daemon import HEALTH, HELLO, PANEL, MadeUpDaemon
 
 
@@ -75,6 +75,20 @@ def test_a_daemon_with_other_settings_than_these_is_told() -> None:
     assert (finding.state, finding.said) == ("bad", "the daemon runs with panels.side_m 0.16, not 0.08")
     assert "systemctl reload ledpi" in finding.remedy
     assert other_settings(values_of(daemon), daemon) == []
+
+
+def test_without_a_configuration_a_daemon_is_asked_whatever_its_camera(tmp_path: Path) -> None:
+    """Its own values are no other ones then: nobody has written any."""
+    here = load_config(None, ("panels.side_m=1", "camera.source=v4l2:/dev/video9", f"tap.socket={tmp_path}/tap.sock"))
+    daemon = MadeUpDaemon(tmp_path / "tap.sock")
+    try:
+        assert connected(here) is None
+        tap = connected(here, any_camera=True)
+        assert tap is not None
+        with tap:
+            assert "settings" not in [finding.name for finding in examine(tap, None)]
+    finally:
+        daemon.close()
 
 
 class Flickering(MadeUpDaemon):
