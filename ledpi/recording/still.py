@@ -45,7 +45,7 @@ def read_still(path: Path, camera: CameraInfo, seq: int = 0) -> Frame:
         raise RecordingError(f"{path}: {fault[1]}")
     picture = decode_grey(data)
     if picture is None:
-        raise RecordingError(f"{path}: cannot be read as a picture; {wanted}")
+        raise RecordingError(f"{path}: cannot be read as a picture of 8 or 16 bits; {wanted}")
     if picture.shape != (camera.height, camera.width):
         raise RecordingError(f"{path}: is {picture.shape[1]} × {picture.shape[0]}; {wanted}")
     return Frame(
@@ -59,7 +59,7 @@ def read_still(path: Path, camera: CameraInfo, seq: int = 0) -> Frame:
 
 
 def decode_grey(data: bytes) -> Pixels | None:
-    """A picture file's grey values (H, W), its rows as they were exposed; None where it cannot be decoded.
+    """A picture file's grey values (H, W), its rows as they were exposed; None where it has none of 8 or 16 bits.
 
     Of 16 bits the upper eight of those that are used: a sensor of 10 or 12 bits leaves the others 0, and taken as they
     stand its pictures would be black.
@@ -69,11 +69,11 @@ def decode_grey(data: bytes) -> Pixels | None:
     coded = np.frombuffer(data, np.uint8)
     try:
         picture = cv2.imdecode(coded, _AS_EXPOSED | cv2.IMREAD_ANYDEPTH)
-        if picture is not None and picture.dtype != np.uint16:
+        if picture is not None and picture.dtype == np.uint8:
             return np.asarray(cv2.imdecode(coded, _AS_EXPOSED), np.uint8)
     except cv2.error:
         return None
-    if picture is None:
+    if picture is None or picture.dtype != np.uint16:
         return None
     bits = next(depth for depth in _DEPTHS if int(picture.max()) < 1 << depth)
     return np.asarray(picture >> (bits - 8), np.uint8)

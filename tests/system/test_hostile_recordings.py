@@ -188,7 +188,7 @@ def test_a_huge_picture_alone_is_not_decoded(tmp_path: Path, ending: str) -> Non
     cv2.imwrite(str(picture), np.zeros((SIDE, SIDE), np.uint8))
     status, output, (complaint,) = decoded("--set", "panels.side_m=0.16", "--set", "camera.row_time_us=33.67", picture)
     assert (status, len(output.splitlines())) == (2, 1)
-    assert f"{picture}: cannot be read as a picture; must be 640 × 480" in complaint
+    assert f"{picture}: cannot be read as a picture of 8 or 16 bits; must be 640 × 480" in complaint
 
 
 def test_the_largest_picture_is_decoded(take: Path) -> None:

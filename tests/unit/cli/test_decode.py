@@ -436,7 +436,7 @@ def test_what_opencv_says_of_a_picture_is_not_shown(take: Path, tmp_path: Path) 
     (tmp_path / "cut.bmp").write_bytes(whole[: len(whole) // 2])
     done = process("--set", "panels.side_m=0.16", "--set", "camera.row_time_us=33.67", tmp_path / "cut.bmp")
     assert done.returncode == 2
-    assert done.stderr == f"ledpi: {tmp_path}/cut.bmp: cannot be read as a picture; must be 640 × 480\n"
+    assert done.stderr == f"ledpi: {tmp_path}/cut.bmp: cannot be read as a picture of 8 or 16 bits; must be 640 × 480\n"
 
 
 @pytest.mark.parametrize(

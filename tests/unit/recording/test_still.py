@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo
 from ledpi.recording.still import read_still
 
@@ -34,3 +35,15 @@ def test_values_of_fewer_than_16_bits_are_read(tmp_path: Path, bits: int) -> Non
     cv2.imwrite(str(path), np.round(light * (2**bits - 1)).astype(np.uint16))
     camera = CameraInfo(width=32, height=32, exposure_us=9967.0, row_time_us=33.67, transfer="linear")
     np.testing.assert_allclose(read_still(path, camera).pixels, 255 * light, atol=1.0)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int16, np.int32])
+def test_values_of_other_kinds_are_told(tmp_path: Path, kind: type) -> None:
+    """A TIFF may hold any: it is no black picture, and no traceback."""
+    path = tmp_path / "other.tif"
+    cv2.imwrite(str(path), np.full((32, 32), 200, kind))
+    camera = CameraInfo(width=32, height=32, exposure_us=9967.0, row_time_us=33.67, transfer="linear")
+    with pytest.raises(
+        RecordingError, match=r"other\.tif: cannot be read as a picture of 8 or 16 bits; must be 32 × 32"
+    ):
+        read_still(path, camera)
