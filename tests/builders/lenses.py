@@ -1,13 +1,17 @@
-"""Lenses: calibrations that people published, and where OpenCV's own projection puts rays through them."""
+"""Lenses: calibrations that people published, where OpenCV's own projection puts rays, and views of a board."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import cv2
 import numpy as np
 
 from ledpi.core.records import DistortionModel, Floats, Intrinsics
+from ledpi.tools.calibrate.boards import Board, BoardView
+
+BOARD = Board(columns=8, rows=6)
 
 
 def opencv_pixels(rays_xy: Floats, lens: Intrinsics) -> Floats:
@@ -19,6 +23,24 @@ def opencv_pixels(rays_xy: Floats, lens: Intrinsics) -> Floats:
         points = np.column_stack([rays_xy, np.ones(len(rays_xy))])
         seen = cv2.projectPoints(points, np.zeros(3), np.zeros(3), lens.matrix(), coefficients)[0]
     return np.asarray(seen, np.float64).reshape(-1, 2)
+
+
+def views_of(lens: Intrinsics, count: int, widest_deg: float, noise_px: float = 0.1) -> list[BoardView]:
+    """A board held in all directions, tilted; its corners by OpenCV's projection, those in the picture."""
+    rng, views = np.random.default_rng(8), []
+    corners = BOARD.corners() - BOARD.corners().mean(axis=0)
+    while len(views) < count:
+        aside, around = math.radians(widest_deg) * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
+        to = cv2.Rodrigues(np.array([-math.sin(around), math.cos(around), 0.0]) * aside)[0]
+        tilt = cv2.Rodrigues(rng.uniform(-0.6, 0.6, 3))[0]
+        points = (corners @ tilt.T + (0, 0, rng.uniform(8, 14))) @ to.T
+        seen = opencv_pixels(points[:, :2] / points[:, 2:], lens)
+        inside = (points[:, 2] > 0) & (seen > 2).all(axis=1) & (seen < (lens.width - 3, lens.height - 3)).all(axis=1)
+        if inside.sum() >= 20:
+            ids = np.flatnonzero(inside)
+            places = seen[ids] + rng.normal(0, noise_px, (len(ids), 2))
+            views.append(BoardView(name=f"{len(views):02}", corner_ids=ids, corners_px=places))
+    return views
 
 
 def _lens(

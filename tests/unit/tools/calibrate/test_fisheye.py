@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
 from ledpi.core.records import Floats, Intrinsics
 from ledpi.kernels.lens import undistort
-from ledpi.tools.calibrate.boards import Board, BoardView
+from ledpi.tools.calibrate.boards import BoardView
 from ledpi.tools.calibrate.camera import calibrate_camera
-from tests.builders.lenses import opencv_pixels
+from tests.builders.lenses import BOARD, opencv_pixels, views_of
 
-BOARD = Board(columns=8, rows=6)
 FOCAL = 640 / math.radians(140)  # 140° across the picture
 FISHEYE = Intrinsics(
     width=640,
@@ -30,24 +28,6 @@ FISHEYE = Intrinsics(
 WIDE = Intrinsics(
     width=640, height=480, fx=420, fy=421, cx=322, cy=238, distortion=(-0.28, 0.08, 0.001, -0.0005, -0.01)
 )
-
-
-def views_of(lens: Intrinsics, count: int, widest_deg: float, noise_px: float = 0.1) -> list[BoardView]:
-    """A board held in all directions, tilted; its corners by OpenCV's projection, those in the picture."""
-    rng, views = np.random.default_rng(8), []
-    corners = BOARD.corners() - BOARD.corners().mean(axis=0)
-    while len(views) < count:
-        aside, around = math.radians(widest_deg) * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
-        to = cv2.Rodrigues(np.array([-math.sin(around), math.cos(around), 0.0]) * aside)[0]
-        tilt = cv2.Rodrigues(rng.uniform(-0.6, 0.6, 3))[0]
-        points = (corners @ tilt.T + (0, 0, rng.uniform(8, 14))) @ to.T
-        seen = opencv_pixels(points[:, :2] / points[:, 2:], lens)
-        inside = (points[:, 2] > 0) & (seen > 2).all(axis=1) & (seen < (lens.width - 3, lens.height - 3)).all(axis=1)
-        if inside.sum() >= 20:
-            ids = np.flatnonzero(inside)
-            places = seen[ids] + rng.normal(0, noise_px, (len(ids), 2))
-            views.append(BoardView(name=f"{len(views):02}", corner_ids=ids, corners_px=places))
-    return views
 
 
 def error_px(found: Intrinsics, lens: Intrinsics) -> Floats:
