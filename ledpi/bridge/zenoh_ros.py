@@ -8,7 +8,9 @@ and with each message goes an attachment of sequence number, time and the publis
 from __future__ import annotations
 
 import json
+import threading
 import time
+from contextlib import suppress
 from typing import Any
 
 import zenoh
@@ -20,6 +22,7 @@ from ledpi.ros.types import to_cdr, type_hash
 
 NODE = "ledpi"
 OPEN_S = 0.25  # that one look for the router takes
+GOODBYE_S = 2.0  # within which a router that listens has taken what is on its way
 QOS = "::,10:,:,:,,"  # rmw's default but for the depth: what is default is left empty
 GID_BYTES = 16
 
@@ -67,11 +70,13 @@ class ZenohTarget:
             raise TargetLostError(f"{self._where}: the router is gone")
 
     def close(self) -> None:
+        """Says goodbye in a thread of its own: to a router that takes nothing Zenoh waits 10 s, and then raises."""
         session, self._session = self._session, None
-        self._publishers.clear()
-        self._tokens.clear()
+        declared, self._publishers, self._tokens = (self._publishers, self._tokens), {}, []
         if session is not None:
-            session.close()
+            goodbye = threading.Thread(target=_part, args=(session, declared), daemon=True)
+            goodbye.start()
+            goodbye.join(GOODBYE_S)
 
     def _config(self) -> Any:
         """As rmw_zenoh's own sessions: a peer that asks the router who else there is."""
@@ -85,6 +90,7 @@ class ZenohTarget:
             "listen/endpoints": ["tcp/localhost:0"],
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": True,
+            "transport/shared_memory/enabled": False,  # else a file stays open of each router that was ever there
             "queries_default_timeout": 1000,
         }
         for key, value in values.items():
@@ -124,6 +130,12 @@ class _Publisher:
         """Sends it. What cannot leave at once is dropped by Zenoh."""
         self._sequence += 1
         self._publisher.put(data, attachment=attachment(self._sequence, time.time_ns(), self._gid))
+
+
+def _part(session: Any, declared: object) -> None:
+    """Closes a session. `declared` lives until then: its end, too, waits for the router."""
+    with suppress(zenoh.ZError):
+        session.close()
 
 
 def dds_type(name: str) -> str:

@@ -6,6 +6,7 @@ A daemon's end of the tap shows a frame each 20 ms. Its panel's x holds the fram
 from __future__ import annotations
 
 import itertools
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -88,7 +89,7 @@ def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(
     """Frames of the meantime are counted, and gone for good."""
     if isinstance(far, Stdout):
         pytest.skip("a pipe cannot come back")
-    losses = running.log.count("target_lost")
+    losses, files = running.log.count("target_lost"), open_files(running.process.pid)
     far.vanish()
     first, before = far.frames[0][1], far.frames[-1][1]
     if not isinstance(far, Udp):  # which never knows
@@ -99,6 +100,7 @@ def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(
     frames = frames_after(far, since)
     assert frames[0][1] > before + 40
     assert all(at_ns - 1000 * age_us > back_ns - 1000 * MAX_AGE_US for at_ns, _, age_us in frames)
+    wait_until(lambda: open_files(running.process.pid) <= files)  # nothing is left open of the one that is gone
     counters = running.end()
     assert sum(counters[what] for what in ("sent", "replaced", "stale", "refused", "absent")) >= frames[-1][1] - first
     if not isinstance(far, Udp):
@@ -178,10 +180,17 @@ def test_memory_stays_as_it_is_while_a_far_end_is_in_trouble(far: Far, running: 
     if trouble == "vanish":
         far.start()
     far.unblock()
+    assert running.process.poll() is None
     assert grown_kb < 1000
 
 
 def memory_kb(pid: int) -> int:
-    """Resident, of a process."""
-    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-    return pages * 4
+    """A process's own: of the files that it has mapped the kernel keeps more or less as it likes."""
+    found = re.search(r"RssAnon:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text(encoding="ascii"))
+    assert found is not None, "the process has ended"
+    return int(found[1])
+
+
+def open_files(pid: int) -> int:
+    """Counts a process's descriptors."""
+    return len(list(Path(f"/proc/{pid}/fd").iterdir()))

@@ -17,9 +17,10 @@ pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
 from tests.builders import ROOT
-from tests.builders.bridges import ZENOH_ROUTER, bridge, free_port
+from tests.builders.bridges import ZENOH_ROUTER, Zenoh, bridge, free_port
 from tests.builders.daemon import daemon, slowness, write_recording
-from tests.builders.tap import at, reach
+from tests.builders.made_up_daemon import MadeUpDaemon
+from tests.builders.tap import at, reach, wait_until
 
 # A router, and a node that subscribes to all that it is told of by liveliness tokens, as ROS 2's tools do.
 LONG_MS = 10_000  # no pose grows too old, however busy the machine is
@@ -116,3 +117,25 @@ def test_every_pose_arrives_with_its_covariance_and_tf(tmp_path: Path) -> None:
         assert len(certain) - of_tap(arrived[0]) - replaced <= len(arrived) <= len(certain)
     assert {transform["child_frame_id"] for (transform,) in transforms} == {"panel_7"}
     assert {each["node"] for each in heard} == {"ledpi"}
+
+
+@pytest.mark.slow
+def test_a_router_that_takes_nothing_is_given_up_and_found_again(tmp_path: Path) -> None:
+    """After Zenoh's lease of 10 s; its goodbye, for which it waits as long again, ends nothing."""
+    router = Zenoh(tmp_path)
+    router.start()
+    daemon_end = MadeUpDaemon(tmp_path / "tap.sock", numbered=True)
+    try:
+        with bridge(router.settings, tmp_path / "tap.sock", tmp_path) as running:
+            wait_until(lambda: len(router.frames) > 3)
+            router.block()
+            wait_until(lambda: "target_lost" in running.log)
+            seen = daemon_end.last_seq
+            wait_until(lambda: daemon_end.last_seq > seen + 600)  # 12 s
+            router.unblock()
+            wait_until(lambda: running.log.count("target_open") == 2)
+            assert running.end()["absent"] > 0
+    finally:
+        daemon_end.close()
+        router.unblock()
+        router.close()
