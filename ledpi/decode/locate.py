@@ -63,10 +63,11 @@ class Locator:
 
     def localise(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel at a candidate (4, 2), or why there is none."""
-        return self._quad(self._best_placed(frame, self._from_afar(frame, corners_px, self._specs)))
+        fit = self._evenly(frame, corners_px, self._specs)
+        return self._quad(fit if isinstance(fit, Rejected) else self._best_placed(frame, self._finely(frame, fit)))
 
-    def _from_afar(self, frame: Frame, corners_px: Floats, specs: tuple[PanelSpec, ...]) -> Fitted | Rejected:
-        """On a coarse grid, then on a fine one: first with even cells, so that only corners move it, then with all."""
+    def _evenly(self, frame: Frame, corners_px: Floats, specs: tuple[PanelSpec, ...]) -> Fitted | Rejected:
+        """On a coarse grid, then on a fine one, with even cells, so that only corners move it."""
         depth = band_depth(frame, self._specs)
         deep, faint = depth > DEEP, depth <= FAINT_DEPTH
         coarse = Effort(
@@ -95,30 +96,38 @@ class Locator:
             faint=faint,
             must_blink=self._must_blink,
         )
-        fit = self._fitted(frame, fit.lattice_px, evenly, (fit.spec,), unknown)
-        if isinstance(fit, Rejected):
-            return fit
+        return self._fitted(frame, fit.lattice_px, evenly, (fit.spec,), unknown)
+
+    def _finely(self, frame: Frame, fit: Fitted) -> Fitted | Rejected:
+        """From an even fit on, with all unknowns."""
+        faint = band_depth(frame, self._specs) <= FAINT_DEPTH
         fine = Effort(rounds=10, reweightings=2, faint=faint, must_blink=self._must_blink)
-        fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
-        if isinstance(fit, Rejected) or fit.settled or not fit.hidden.any():
-            return fit  # what has a hidden side takes longer
-        return self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
+        finely = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
+        if isinstance(finely, Rejected) or finely.settled or not finely.hidden.any():
+            return finely  # what has a hidden side takes longer
+        return self._fitted(frame, finely.lattice_px, fine, (fit.spec,), finely.unknown)
 
     def _best_placed(self, frame: Frame, fit: Fitted | Rejected) -> Fitted | Rejected:
         """The fit, or a better one from beside what seems hidden or dark: so looks a lattice that is off by as much.
 
         Better by both measures: more of the dark makes the share that is explained larger, and the residual smaller.
+        Only the place whose even fit explains most is fitted finely.
         """
         if isinstance(fit, Rejected):
             return fit
-        best = fit
+        placed = []
         for at in self._likelier(frame, fit):
-            other = self._from_afar(frame, at, (fit.spec,))
-            if isinstance(other, Fitted) and other.explained > best.explained and other.residual < best.residual:
-                best = other
-            if not self._beside(best):
+            even = self._evenly(frame, at, (fit.spec,))
+            if isinstance(even, Rejected):
+                continue
+            placed.append(even)
+            if even.explained > fit.explained and not self._beside(even):
                 break  # nothing of it seems hidden
-        return best
+        if not placed:
+            return fit
+        other = self._finely(frame, max(placed, key=lambda each: each.explained))
+        is_better = isinstance(other, Fitted) and other.explained > fit.explained and other.residual < fit.residual
+        return other if is_better else fit
 
     def _likelier(self, frame: Frame, fit: Fitted) -> list[Floats]:
         """Places beside a fit where a panel is likelier at a glance; all, where the template lacks their bands."""
