@@ -1,9 +1,9 @@
 """Bridges for minutes: replayed taps at 60 frames a second into one mosquitto, and one into an ntcore server.
 
-Told for each: how long after the tap had it a frame arrives (ms), how much memory the bridges gain, and after the
-broker or the server was killed half-way and started again 5 s later, how soon frames come and whether one of them is
-old. All is on one machine, so one clock judges. Exit status 1 where an old frame came, or none. `--renew` keeps the
-figures, and writes the table in docs/results.md anew.
+The broker wants TLS and a password. Told for each: how long after the tap had it a frame arrives (ms), how much memory
+the bridges gain, and after the broker or the server was killed half-way and started again 5 s later, how soon frames
+come and whether one of them is old. All is on one machine, so one clock judges. Exit status 1 where an old frame came,
+or none. `--renew` keeps the figures, and writes the table in docs/results.md anew.
 
     python -m benchmarks.endurance bridges [--minutes 10] [--taps 10] [--renew]
 """
@@ -27,7 +27,7 @@ import numpy as np
 
 from benchmarks import ROOT, table
 from benchmarks.speed.arm import with_table
-from tests.builders.bridges import Far, Mqtt, Nt, bridge
+from tests.builders.bridges import Far, Nt, Secure, bridge, secrets
 from tests.builders.made_up_daemon import MadeUpDaemon
 from tests.builders.tap import wait_until
 
@@ -64,7 +64,7 @@ class Figures:
         )
 
 
-class Robots(Mqtt):
+class Robots(Secure):
     """A broker, and the frames of each robot: when it came, and when the tap had it (CLOCK_MONOTONIC, ns)."""
 
     def __init__(self, folder: Path, robots: int) -> None:
@@ -72,6 +72,7 @@ class Robots(Mqtt):
         self.came: list[list[tuple[int, int]]] = [[] for _ in range(robots)]
 
     def prepare(self, client: Any) -> None:
+        super().prepare(client)
         client.on_connect = lambda *_: client.subscribe("+/frame")
 
     def _hear(self, message: Any) -> None:
@@ -97,6 +98,7 @@ def through_an_outage(far: Far, seconds: float) -> int:
 
 def mqtt(seconds: float, taps: int, folder: Path) -> Figures:
     """Measures a bridge of each tap, into one broker."""
+    secrets(folder)
     far = Robots(folder, taps)
     far.start()
     with ExitStack() as stack:

@@ -49,7 +49,7 @@ class ZenohTarget:
         until_s = time.monotonic() + OPEN_S
         while not self._has_router():
             if time.monotonic() > until_s:
-                raise TargetLostError(f"{self._where}: no Zenoh router answers; is rmw_zenohd started there?")
+                raise TargetLostError(f"{self._where}: no Zenoh router answers; is it started, and the port right?")
             time.sleep(0.02)
 
     def tell_setup(self, hello: Line) -> None:

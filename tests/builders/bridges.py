@@ -12,15 +12,17 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
 from tests.builders import DEADLINE_S, ROOT
+from tests.builders.certificates import certificates
 from tests.builders.tap import wait_until
 
 LEDPI = [sys.executable, "-m", "ledpi"]
+PASSWORD = "correct-horse"
 MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 
 
@@ -244,6 +246,33 @@ class Mqtt(Far):
         self.vanish()
 
 
+class Secure(Mqtt):
+    """A broker with TLS and a password, in a folder with `secrets`."""
+
+    def __init__(self, folder: Path, certificate: str = "broker.pem") -> None:
+        files = (f"cafile {folder}/ca.pem", f"certfile {folder}/{certificate}", f"keyfile {folder}/broker.key")
+        super().__init__(folder, *files, "allow_anonymous false", f"password_file {folder}/users")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        values = {"kind": "mqtt", "host": "localhost", "port": self.port, "tls": True, "user": "robot"}
+        return values | {"ca_file": f"{self.folder}/ca.pem", "password_file": f"{self.folder}/password"}
+
+    def prepare(self, client: Any) -> None:
+        client.tls_set(str(self.folder / "ca.pem"))
+        client.tls_insecure_set(True)  # the ended certificate is looked at, too
+        client.username_pw_set("robot", PASSWORD)
+
+
+def secrets(folder: Path) -> None:
+    """Makes certificates, and the password for both sides."""
+    certificates(folder)
+    command = ["mosquitto_passwd", "-b", "-c", "users", "robot", PASSWORD]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    (folder / "password").write_text(PASSWORD + "\n", encoding="utf-8")
+    (folder / "password").chmod(0o600)
+
+
 class InProcess(Far):
     """A far end in a process of its own, which prints a line of JSON for each frame that it gets."""
 
@@ -404,11 +433,16 @@ class Running:
 
 @contextmanager
 def bridge(
-    settings: dict[str, Any], tap: Path, folder: Path, read: Callable[..., None] | None = None, max_age_ms: int = 100
+    settings: dict[str, Any],
+    tap: Path,
+    folder: Path,
+    read: Callable[..., None] | None = None,
+    max_age_ms: int = 100,
+    before: Sequence[str] = (),
 ) -> Iterator[Running]:
-    """`settings`: of `outputs.far`. `read` gets its standard output."""
+    """`settings`: of `outputs.far`. `read` gets its standard output. `before`: of the command, as `nice`."""
     given = (f"outputs={json.dumps({'far': settings})}", f"tap.socket={tap}", f"serial.max_age_ms={max_age_ms}")
-    command = [*LEDPI, "bridge", "far", *(part for item in given for part in ("--set", item))]
+    command = [*before, *LEDPI, "bridge", "far", *(part for item in given for part in ("--set", item))]
     log = folder / "bridge.log"
     with log.open("w") as errors:
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors)

@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 
 from tests.builders import DEADLINE_S, ROOT
-from tests.builders.bridges import LEDPI, MOSQUITTO, Mqtt, bridge
-from tests.builders.certificates import certificates
+from tests.builders.bridges import LEDPI, MOSQUITTO, PASSWORD, Mqtt, Secure, bridge, secrets
 from tests.builders.made_up_daemon import MadeUpDaemon
 from tests.builders.tap import wait_until
 
@@ -21,37 +20,12 @@ pytestmark = pytest.mark.skipif(
     MOSQUITTO is None or shutil.which("openssl") is None or shutil.which("mosquitto_passwd") is None,
     reason="mosquitto or openssl is not installed",
 )
-PASSWORD = "correct-horse"
-
-
-class Secure(Mqtt):
-    """With TLS and a password."""
-
-    def __init__(self, folder: Path, certificate: str) -> None:
-        files = (f"cafile {folder}/ca.pem", f"certfile {folder}/{certificate}", f"keyfile {folder}/broker.key")
-        super().__init__(folder, *files, "allow_anonymous false", f"password_file {folder}/users")
-
-    def prepare(self, client: Any) -> None:
-        client.tls_set(str(self.folder / "ca.pem"))
-        client.tls_insecure_set(True)  # the ended one is looked at, too
-        client.username_pw_set("robot", PASSWORD)
-
-
-def settings(broker: Mqtt, **changes: Any) -> dict[str, Any]:
-    """Returns those of the bridge."""
-    values = {"kind": "mqtt", "host": "localhost", "port": broker.port, "tls": True, "user": "robot"}
-    files = {"ca_file": f"{broker.folder}/ca.pem", "password_file": f"{broker.folder}/password"}
-    return values | files | changes
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """With certificates and a password."""
-    certificates(tmp_path)
-    command = ["mosquitto_passwd", "-b", "-c", "users", "robot", PASSWORD]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-    (tmp_path / "password").write_text(PASSWORD + "\n", encoding="utf-8")
-    (tmp_path / "password").chmod(0o600)
+    secrets(tmp_path)
     return tmp_path
 
 
@@ -77,7 +51,7 @@ def states(broker: Mqtt) -> list[str]:
 
 def test_the_broker_is_told_everything_and_no_secret(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
     """Frames, health, setup and status; nowhere the password."""
-    with bridge(settings(broker), folder / "tap.sock", folder) as running:
+    with bridge(broker.settings, folder / "tap.sock", folder) as running:
         wait_until(lambda: len(broker.frames) > 10)
         wait_until(lambda: {"ledpi/health", "ledpi/setup"} <= {topic for topic, _, _ in broker.messages})
         setup = next(json.loads(data) for topic, data, _ in broker.messages if topic == "ledpi/setup")
@@ -89,7 +63,7 @@ def test_the_broker_is_told_everything_and_no_secret(broker: Mqtt, daemon: MadeU
 
 def test_the_last_will_says_that_a_killed_bridge_is_gone(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
     """The broker keeps it for whoever comes later."""
-    with bridge(settings(broker), folder / "tap.sock", folder) as running:
+    with bridge(broker.settings, folder / "tap.sock", folder) as running:
         wait_until(lambda: len(broker.frames) > 3)
         running.process.kill()
         wait_until(lambda: states(broker)[-1] == "gone")
@@ -97,7 +71,7 @@ def test_the_last_will_says_that_a_killed_bridge_is_gone(broker: Mqtt, daemon: M
 
 def test_a_daemon_that_was_killed_is_told_of(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
     """By the bridge, which waits for another."""
-    with bridge(settings(broker), folder / "tap.sock", folder):
+    with bridge(broker.settings, folder / "tap.sock", folder):
         wait_until(lambda: len(broker.frames) > 3)
         daemon.close()
         wait_until(lambda: states(broker)[-1] == "no_daemon")
@@ -116,7 +90,7 @@ def refusal(values: dict[str, Any], folder: Path) -> str:
 def test_a_wrong_password_ends_it(broker: Mqtt, folder: Path) -> None:
     """With the keys to look at, and without the password."""
     (folder / "password").write_text("battery-staple\n", encoding="utf-8")
-    said = refusal(settings(broker), folder)
+    said = refusal(broker.settings, folder)
     assert f"localhost:{broker.port}: the broker" in said
     assert "see user and password_file" in said
     assert "battery-staple" not in said
@@ -124,7 +98,7 @@ def test_a_wrong_password_ends_it(broker: Mqtt, folder: Path) -> None:
 
 def test_a_certificate_of_another_authority_ends_it(broker: Mqtt, folder: Path) -> None:
     """The system's authorities have not signed it."""
-    values = settings(broker)
+    values = dict(broker.settings)
     del values["ca_file"]
     assert "its certificate is not accepted" in refusal(values, folder)
 
@@ -135,7 +109,7 @@ def test_an_ended_certificate_ends_it(folder: Path) -> None:
     far._subscriber = object()
     far.start()
     try:
-        said = refusal(settings(far), folder)
+        said = refusal(far.settings, folder)
     finally:
         far.vanish()
     assert "certificate has expired" in said
@@ -144,10 +118,10 @@ def test_an_ended_certificate_ends_it(folder: Path) -> None:
 
 def test_a_port_without_tls_is_told_of(daemon: MadeUpDaemon, folder: Path) -> None:
     """A plain broker only closes the connection, as one does that is restarted: it is tried again."""
-    far = Mqtt(folder)
+    values, far = Secure(folder).settings, Mqtt(folder)  # which writes its own configuration over the other's
     far.start()
     try:
-        with bridge(settings(far), folder / "tap.sock", folder) as running:
+        with bridge(values | {"port": far.port}, folder / "tap.sock", folder) as running:
             wait_until(lambda: "closes the connection; is the port right for tls: true?" in running.log)
     finally:
         far.close()
