@@ -18,6 +18,7 @@ PARTS = (
     Part("arm", path=Path("/usr/bin/qemu-aarch64")),
     Part("latency"),
     Part("viewers"),
+    Part("bridges"),
     Part("capture", module="libcamera"),
 )
 
