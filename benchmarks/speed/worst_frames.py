@@ -1,10 +1,11 @@
 """The worst for the decoder, beside a panel that can be read: poses a second, the longest frame, a newcomer.
 
 Scenes full of what looks like panels at first (packed grids, window panes, a keyboard, 128 squares, LED matrices, text,
-noise) stand around a panel, and wobble by a pixel a frame; after half of the time a second panel comes among them. Each
-scene is decoded as the daemon would: a camera delivers a frame each period, the decoder takes the newest as soon as it
-is free, and its budget follows from how long frames take. Time is the decoding thread's processor time, --slower times
-as much for a slower processor, so that what else this machine does changes little. Pictures are drawn outside of it.
+noise), or of panels, stand around a panel, and wobble by a pixel a frame; after half of the time a second panel comes
+among them. Each scene is decoded as the daemon would: a camera delivers a frame each period, the decoder takes the
+newest as soon as it is free, and its budget follows from how long frames take. Time is the decoding thread's processor
+time, --slower times as much for a slower processor, so that what else this machine does changes little. Pictures are
+drawn outside of it.
 
 A line a scene: poses of the panel a second, and as a share of those where it is alone; the first frame and the longest
 later one, in frame periods; when the second panel is read, in frames; the longest time between two feeds of the
@@ -54,14 +55,26 @@ from ledpi.simulate.scenes import ov5647_lens
 SENSORS = {(640, 480): (33.67, 504), (1296, 972): (21.67, 996)}
 EXPOSURES_US = (10_000.0, 600.0, 150.0)
 DICTIONARIES = ("4X4_50", "4X4_1000")
-SCENES: tuple[Callable[[Drawing, Rng], None], ...] = (packed, window, keyboard, squares, matrix, text, noise)
 FIRST, SECOND = 7, 23  # IDs
 PLACES = {FIRST: (0.3, 0.3, 0.2), SECOND: (0.7, 0.65, 0.12)}  # middle, in widths and heights, and side, in heights
+OTHERS = (11, 12, 13, 15, 16, 18, 19, 20, 21, 24)  # of `room`: above, in the middle, below
+MIDDLES = *((x, y) for y in (0.12, 0.38) for x in (0.55, 0.75, 0.92)), *((x, 0.7) for x in (0.08, 0.25, 0.4, 0.55))
+PLACES |= {other: (x, y, 0.12) for other, (x, y) in zip(OTHERS, MIDDLES, strict=True)}
 TURNED_RAD = 0.08
 WOBBLE = 16  # frames from one end to the other
 NOISE, DARK = 0.005, 0.02
 WATCHDOG_S = 10.0  # of the unit
 LEAST_SHARE, MOST_PERIODS, SECOND_WITHIN_S, FED_EACH_S = 0.9, 1.5, 1.0, 2.0
+
+
+def room(drawing: Drawing, rng: Rng) -> None:
+    """Ten more panels that can be read."""
+    _, height, width = drawing.light.shape
+    for other in OTHERS:
+        put_panel(drawing, corners(width, height, other), drawing.codewords[other])
+
+
+SCENES: tuple[Callable[[Drawing, Rng], None], ...] = (packed, window, keyboard, squares, matrix, text, noise, room)
 
 
 class Scenery:
@@ -74,9 +87,9 @@ class Scenery:
         self.period_ns = round(camera.frame_length_rows * camera.row_time_us * 1e3)
         drawing = Drawing(camera.width, camera.height, panels.dictionary)
         draw(drawing)
-        put_panel(drawing, corners(camera, FIRST), drawing.codewords[FIRST])
+        put_panel(drawing, corners(camera.width, camera.height, FIRST), drawing.codewords[FIRST])
         self._light = [drawing.light.copy()]
-        put_panel(drawing, corners(camera, SECOND), drawing.codewords[SECOND])
+        put_panel(drawing, corners(camera.width, camera.height, SECOND), drawing.codewords[SECOND])
         self._light.append(drawing.light)
         shape = (camera.height, camera.width)
         self._noise = NOISE * np.random.default_rng(2).standard_normal(shape, np.float32) + np.float32(DARK)
@@ -98,12 +111,12 @@ class Scenery:
         )
 
 
-def corners(camera: CameraInfo, marker_id: int) -> Floats:
+def corners(width: int, height: int, marker_id: int) -> Floats:
     """(4, 2) of a panel in the picture."""
     x, y, side = PLACES[marker_id]
-    half, cos, sin = side * camera.height / 2, np.cos(TURNED_RAD), np.sin(TURNED_RAD)
+    half, cos, sin = side * height / 2, np.cos(TURNED_RAD), np.sin(TURNED_RAD)
     square = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    return square @ np.array([[cos, sin], [-sin, cos]]) + (x * camera.width + 0.3, y * camera.height + 0.6)
+    return square @ np.array([[cos, sin], [-sin, cos]]) + (x * width + 0.3, y * height + 0.6)
 
 
 @dataclass(kw_only=True)
@@ -184,7 +197,7 @@ class Contest:
     def __init__(
         self, size: tuple[int, int], exposure_us: float, dictionary: str, arguments: argparse.Namespace
     ) -> None:
-        self.panels = PanelSettings(side_m=0.16, dictionary=f"DICT_{dictionary}", ids=(FIRST, SECOND, 11, 12))
+        self.panels = PanelSettings(side_m=0.16, dictionary=f"DICT_{dictionary}", ids=tuple(PLACES))
         self.camera = camera_of(size, exposure_us, self.panels)
         self.name = f"{size[0]}x{size[1]}/{exposure_us:g}/{dictionary}"
         self._arguments = arguments

@@ -37,6 +37,11 @@ class Agenda:
     middles: Floats = field(default_factory=lambda: np.empty((0, 2)))  # of what was tried, (N, 2)
     turns: Integers = field(default_factory=lambda: np.empty(0, np.int64))  # when, (N,)
 
+    @property
+    def is_due_next(self) -> bool:
+        """Tells whether the picture is searched next, whatever it shows."""
+        return self.since_search + 1 >= SEARCH_EVERY
+
     def is_due(self, panels_shown: Sequence[bool]) -> bool:
         """Tell whether the picture is searched, by which of the known panels it has shown where expected."""
         self.since_search += 1
@@ -52,7 +57,7 @@ class Agenda:
         return due
 
     def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
-        """The likely candidates and those whose turn it is, in alternation: new places, then those tried longest ago.
+        """Those whose turn it is and the likeliest, in alternation: new places, then those tried longest ago.
 
         `candidates` come as a frame by itself would try them; of those that are not likely one has its turn. Places
         without a candidate are forgotten.
@@ -71,7 +76,7 @@ class Agenda:
         by_turn = np.argsort(last, kind="stable").tolist()
         likely = [k for k, one in enumerate(candidates) if one.likely]
         by_turn = [k for k in by_turn if candidates[k].likely], [k for k in by_turn if not candidates[k].likely]
-        both = [k for pair in zip(likely, by_turn[0], strict=True) for k in pair] + by_turn[1][:1]
+        both = [k for pair in zip(by_turn[0], likely, strict=True) for k in pair] + by_turn[1][:1]
         return [candidates[k] for k in dict.fromkeys(both)]
 
     def tried(self, candidate: Candidate) -> None:

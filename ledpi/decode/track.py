@@ -85,6 +85,7 @@ class Track:
     history: History
     fits: tuple[Floats, ...] = ()  # unknowns of the last ones, while it was read
     picture: PanelPicture | None = None  # that it is followed by, once there were enough
+    waits: bool = False  # the frame had no time for it: the next one is to show it
 
     @property
     def place(self) -> Place:
@@ -106,8 +107,12 @@ class Tracker:
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
     def read_tracks(self) -> list[Track]:
-        """The tracks of panels that were read and that the last frame showed: this frame should show them near by."""
-        return [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._before_ns]
+        """The tracks of panels that were read and that this frame should show near by, the longest unseen first.
+
+        These are what the last frame showed, or had no time for.
+        """
+        known = [t for t in self._tracks if t.history.identity and (t.waits or t.state.seen_ns == self._before_ns)]
+        return sorted(known, key=lambda t: t.state.seen_ns)
 
     def unread_tracks(self) -> list[Track]:
         """The tracks of other squares of the last frame, which may become panels; the newest first.
@@ -136,11 +141,11 @@ class Tracker:
         return self._update(track, quad)
 
     def panels_shown(self) -> list[bool]:
-        """For each panel that was read whether this frame has shown it."""
-        return [t.state.seen_ns == self._now_ns for t in self._tracks if t.history.identity]
+        """For each panel that was read, and had its turn, whether this frame has shown it."""
+        return [t.state.seen_ns == self._now_ns for t in self._tracks if t.history.identity and not t.waits]
 
     def is_followed(self, corners_px: Floats) -> bool:
-        """Tells whether a square with these corners (4, 2) belongs to a track that this frame has already shown.
+        """Tells whether a square with these corners (4, 2) belongs to a track that this frame has shown, or that waits.
 
         There is no second panel where one was read. A square that was not read may be a part of a panel, or more than
         it: it excludes only squares with the same cells.
@@ -150,7 +155,7 @@ class Tracker:
             (t.history.identity is not None and _overlap(place, t.place))
             or corners_apart(corners, t.state.corners_px.tolist()) < SAME_CELLS * t.place[1]
             for t in self._tracks
-            if t.state.seen_ns == self._now_ns
+            if t.waits or t.state.seen_ns == self._now_ns
         )
 
     def associate(self, quad: Quad) -> tuple[Quad, Track] | None:

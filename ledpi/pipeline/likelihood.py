@@ -30,10 +30,12 @@ from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.results import Results
 from ledpi.pipeline.trace import SquareTrace
 
-# What a frame may spend on all but panels that are followed, in places at which the model is compared with the picture
-# (a quarter of a microsecond each on a PC; most candidates take 1,000, a panel 30,000): about a frame period in a
-# stream, which takes up in the next frame what is left; no more is to come where a frame is alone.
+# What a frame may spend, in places at which the model is compared with the picture (a quarter of a microsecond each on
+# a PC; most candidates take 1,000, a new panel 30,000, one that is followed 5,000): about a frame period in a stream,
+# which takes up in the next frame what is left; no more is to come where a frame is alone.
 STREAM_BUDGET, SINGLE_BUDGET = 150_000, 1_000_000
+SEARCH_SHARE = 0.25  # of it, in a frame in which a search is due: panels that are followed leave it so much at least
+NO_TIME = Rejected(stage="track", reason="no_time")  # for a panel in this frame: the next one begins with it
 
 Groups: TypeAlias = Sequence[tuple[PanelSpec, list[int]]]  # of IDs that blink alike
 _Observed: TypeAlias = tuple[Quad, Track, Observation]
@@ -73,25 +75,30 @@ class LikelihoodPath:
     def read(self, frame: Frame, work: Results) -> Iterator[list[Detection]]:
         """propose → fit → track → cells → identify, by the likeliest codeword of all cells together.
 
-        Tracked panels come first, at their predicted places. All else shares the budget.
+        All share the budget. Tracked panels come first, at their predicted places.
         """
         if not self._stream:
             self.forget()
         self._tracker.begin_frame(frame.row0_readout_ns)
-        yield self._identify(frame, self._follow(frame, self._tracker.read_tracks(), work), work)
         most = self._locator.spent + self.search_budget
+        reserved = int(SEARCH_SHARE * self.search_budget) if self._agenda.is_due_next else 0
+        yield self._identify(frame, self._follow(frame, self._tracker.read_tracks(), most - reserved, work), work)
         for track in self._tracker.unread_tracks():
             if self._locator.spent >= most:
                 break
-            yield self._identify(frame, self._follow(frame, [track], work), work)
+            yield self._identify(frame, self._follow(frame, [track], most, work), work)
         if self._agenda.is_due(self._tracker.panels_shown()):
             yield from self._search(frame, most, work)
 
-    def _follow(self, frame: Frame, tracks: list[Track], work: Results) -> list[_Observed]:
-        """The squares at their tracks' predictions; what is not there is left to a search."""
+    def _follow(self, frame: Frame, tracks: list[Track], most: int, work: Results) -> list[_Observed]:
+        """The squares at their tracks' predictions, until `most` is spent; what is not there is left to a search."""
         start = time.perf_counter()
         followed = []
         for track in tracks:
+            track.waits = self._locator.spent >= most
+            if track.waits:
+                work.reject(track.state.corners_px, NO_TIME)
+                continue
             at = track.state.predicted_px(frame.row0_readout_ns)
             quad, track.picture = self._at(frame, track, at)
             there = self._tracker.continue_track(track, quad)

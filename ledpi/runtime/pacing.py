@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-SHARE = 0.8  # of a frame period: the rest is for what is followed, and for capture and publisher
+SHARE = 0.9  # of a frame period: the rest is for capture and publisher
 # Budgets, in places at which the model is compared with the picture: what a candidate that is a panel takes, so that
 # each has its turn at last; and what a picture full of texture can use.
 MIN_BUDGET, MAX_BUDGET = 25_000, 1_000_000

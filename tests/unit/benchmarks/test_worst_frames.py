@@ -67,7 +67,7 @@ def test_scenes_are_around_the_panels_and_not_in_them() -> None:
         bench.Scenery(one.camera, one.panels, lambda d, scene=scene: scene(d, np.random.default_rng(0)), 0).frame(16)
         for scene in (bench.squares, bench.noise)
     ]
-    at = bench.corners(one.camera, bench.FIRST)
+    at = bench.corners(one.camera.width, one.camera.height, bench.FIRST)
     (left, top), (right, bottom) = at.min(axis=0).astype(int) + 8, at.max(axis=0).astype(int) - 8
     apart = np.abs(seen[0].pixels.astype(int) - seen[1].pixels)
     assert apart[top:bottom, left:right].max() < 9

@@ -35,14 +35,14 @@ def test_the_first_frame_takes_the_best_first() -> None:
 def test_the_best_is_looked_at_in_every_frame() -> None:
     """However often it was in vain: a panel may be hidden now and then."""
     agenda, proposed = Agenda(), candidates(*ROW)
-    assert [looked_at(agenda, proposed, budget=2)[0] for _ in range(6)] == [0] * 6
+    assert all(0 in looked_at(agenda, proposed, budget=2) for _ in range(6))
 
 
-@pytest.mark.parametrize("budget", [2, 3, 4])
+@pytest.mark.parametrize("budget", [1, 2, 3, 4])
 def test_everybody_gets_a_turn(budget: int) -> None:
-    """Every other look is by turn: ten candidates are all looked at within ten halves of the budget, and again."""
+    """The first look is by turn, and every other: ten candidates are all looked at, and again, where one takes all."""
     agenda, proposed = Agenda(), candidates(*ROW)
-    frames = -(-10 // (budget // 2))
+    frames = -(-10 // -(-budget // 2))
     for _ in range(2):
         seen = {k for _ in range(frames) for k in looked_at(agenda, proposed, budget)}
         assert seen == set(range(10))
@@ -52,22 +52,22 @@ def test_who_waited_longest_comes_first() -> None:
     """After three of five were looked at, the fourth; the fifth; then the second again."""
     agenda, proposed = Agenda(), candidates(*ROW[:5])
     assert looked_at(agenda, proposed, budget=3) == [0, 1, 2]
-    assert [looked_at(agenda, proposed, budget=2)[1] for _ in range(3)] == [3, 4, 1]
+    assert [looked_at(agenda, proposed, budget=2)[0] for _ in range(3)] == [3, 4, 1]
 
 
 def test_a_new_place_comes_before_those_that_were_tried() -> None:
     """Though it is the worst proposal of all."""
     agenda, proposed = Agenda(), candidates(*ROW[:5])
     looked_at(agenda, proposed, budget=99)
-    assert looked_at(agenda, [*proposed, *candidates((300.0, 400.0))], budget=2) == [0, 5]
+    assert looked_at(agenda, [*proposed, *candidates((300.0, 400.0))], budget=2) == [5, 0]
 
 
 def test_places_are_recognised_although_they_move() -> None:
     """By a tenth of the side from frame to frame."""
     agenda = Agenda()
     assert looked_at(agenda, candidates(*ROW[:4]), budget=2) == [0, 1]
-    assert looked_at(agenda, candidates(*((x + 4, y) for x, y in ROW[:4])), budget=2) == [0, 2]
-    assert looked_at(agenda, candidates(*((x + 8, y) for x, y in ROW[:4])), budget=2) == [0, 3]
+    assert looked_at(agenda, candidates(*((x + 4, y) for x, y in ROW[:4])), budget=2) == [2, 0]
+    assert looked_at(agenda, candidates(*((x + 8, y) for x, y in ROW[:4])), budget=2) == [3, 0]
 
 
 def test_where_nothing_was_proposed_again_is_forgotten() -> None:
@@ -75,7 +75,7 @@ def test_where_nothing_was_proposed_again_is_forgotten() -> None:
     agenda, proposed = Agenda(), candidates(*ROW[:4])
     looked_at(agenda, proposed, budget=99)
     looked_at(agenda, proposed[:3], budget=99)
-    assert looked_at(agenda, proposed, budget=2) == [0, 3]
+    assert looked_at(agenda, proposed, budget=2) == [3, 0]
     assert looked_at(agenda, [], budget=2) == []
     assert looked_at(agenda, proposed, budget=99) == [0, 1, 2, 3]
 

@@ -68,6 +68,62 @@ def test_a_panel_that_comes_among_128_squares_is_read_within_a_second() -> None:
     assert any(seen == {7, 23} for seen in later)
 
 
+IDS = (0, 7, 12, 42)
+TOO_SMALL = 9_000  # for two that are followed
+WAITS = "track.no_time"
+
+
+def in_a_room(seq: int, *newcomer: tuple[Floats, Bits]) -> Frame:
+    """Four panels in two rows, and the middle left free."""
+    canvas = Canvas()
+    for corners, cells in newcomer:
+        canvas.panel(corners, cells, start_us=1e6 * seq / RATE_HZ)
+    for number, marker_id in enumerate(IDS):
+        corners = square(150.3 + 340 * (number % 2), 120.6 + 240 * (number // 2), 70, 4)
+        canvas.panel(corners, word(marker_id), start_us=1e6 * seq / RATE_HZ)
+    return dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e9 * seq / RATE_HZ))
+
+
+def followed_by(path: Pipeline) -> Pipeline:
+    """The same, once it follows all."""
+    for seq in range(8):
+        last = path.decode(in_a_room(seq))
+    assert ids(last) == set(IDS)
+    return path
+
+
+def test_followed_panels_share_a_budget_that_is_too_small_for_all() -> None:
+    """No frame spends a panel more than it may; what has waited longest comes first; what waits is counted."""
+    path = followed_by(stream())
+    path.likelihood.search_budget = budget = TOO_SMALL
+    shown: list[set[int]] = []
+    for seq in range(8, 20):
+        before = path.likelihood.spent
+        decoded = path.decode(in_a_room(seq))
+        assert path.likelihood.spent - before <= budget + CANDIDATE // 2
+        shown.append(ids(decoded))
+        assert len(shown[-1]) + [rejected.key for rejected in decoded.rejected].count(WAITS) == len(IDS)
+    assert all(0 < len(seen) < len(IDS) for seen in shown)
+    assert all(set().union(*shown[k : k + 6]) == set(IDS) for k in range(len(shown) - 5))
+
+
+def test_a_panel_comes_into_a_room_whose_panels_take_all_there_is() -> None:
+    """A part of the budget is a search's, where one is due."""
+    path = followed_by(stream())
+    path.likelihood.search_budget = TOO_SMALL
+    newcomer = square(320.3, 240.6, 60, 4), word(23)
+    assert any(23 in ids(path.decode(in_a_room(seq, newcomer))) for seq in range(8, 8 + RATE_HZ))
+
+
+def test_where_the_budget_suffices_no_panel_waits() -> None:
+    """All are read in every frame."""
+    path = followed_by(stream())
+    for seq in range(8, 20):
+        decoded = path.decode(in_a_room(seq))
+        assert ids(decoded) == set(IDS)
+        assert WAITS not in {rejected.key for rejected in decoded.rejected}
+
+
 def test_no_result_depends_on_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same frames and budget give the same, bit by bit, though an hour passes with every look at the clock."""
     frames = [crowded(FOLLOWED, NEW, seq=seq) for seq in range(6)]

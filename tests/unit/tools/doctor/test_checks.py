@@ -151,7 +151,7 @@ def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(Path("/etc/ledpi/config.yaml").exists(), reason="there is a configuration here")
 def test_without_a_configuration_the_page_goes_on(tmp_path: Path) -> None:
-    """What else is missing is told at once; what to do about the configuration comes first."""
+    """All else that is missing is told at once; what to do about the configuration comes first."""
     done = subprocess.run(COMMAND, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=DEADLINE_S)
     lines = done.stdout.splitlines()
     assert done.returncode == 1

@@ -56,7 +56,7 @@ def test_two_boards_without_a_number_are_offered_by_their_sockets(tmp_path: Path
 
 
 def test_a_board_without_a_number_or_a_socket_s_name_is_told_of(tmp_path: Path) -> None:
-    """Where udev makes no by-path link, another board like it would take the name that is offered."""
+    """Without a by-path link another board like it would take the name that is offered."""
     plug_in(tmp_path, CH340, "gone", "ttyUSB0")
     (tmp_path / "serial/by-path/gone").unlink()
     said = ports.remedy(tmp_path)
