@@ -35,6 +35,10 @@ REASONS: dict[str, Explained] = {
         "corners are known to no better than an eighth of a cell", "go nearer; a dark edge around the cells"
     ),
     "track.contradicted": Explained("the frame contradicts the ID of this track; its earlier frames are forgotten", ""),
+    "track.no_time": Explained(
+        "the frame's time was over before this panel's turn came; the next frame begins with it",
+        "fewer panels in view, a faster processor",
+    ),
     "track.same_place": Explained("what fits better is in the same place, or it was found before", ""),
     "track.innovation": Explained(
         "the frame fails the innovation gate: it differs too much from the frames before; the panel must be read again",

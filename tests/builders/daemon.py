@@ -162,10 +162,18 @@ def end(process: subprocess.Popen[str], signal_number: int | None = None) -> End
 
 def wait_for_log(process: subprocess.Popen[str], text: str) -> str:
     """The next line of its log that has this text."""
+    return lines_until(process, text)[-1]
+
+
+def lines_until(process: subprocess.Popen[str], text: str, times: int = 1) -> list[str]:
+    """All further lines of its log, up to the one that has this text for the last of so many times."""
     assert process.stderr is not None
+    lines: list[str] = []
     for entry in process.stderr:
-        if text in entry:
-            return entry
+        lines.append(entry)
+        times -= text in entry
+        if not times:
+            return lines
     raise AssertionError(f"the daemon ended and never said {text!r}")
 
 

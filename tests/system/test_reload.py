@@ -35,6 +35,7 @@ from tests.builders.daemon import (
     controller,
     daemon,
     end,
+    lines_until,
     slowness,
     wait_for_log,
     write_recording,
@@ -267,14 +268,14 @@ def test_what_a_reload_does_not_change_stays_open(
             line.wait_for(lambda c: len(c.markers) > 3)
             file.write_text(text.replace(*OTHER[change]))
             process.send_signal(signal.SIGHUP)
-            log = [wait_for_log(process, "INFO start ") for _ in range(2)]
+            log = lines_until(process, "INFO start ", 2)
             before = len(line.got)
             line.wait_for(lambda c: sum(isinstance(message, MarkerMessage) for _, message in c.got[before:]) > 3)
             stopping = sum(status.state is State.STOPPING for _, status in line.statuses)
             log += end(process, signal.SIGTERM).log
     opened = sum("serial_open" in entry for entry in log)
-    assert (opened == 0, stopping == 0) == (port_stays, port_stays)
-    assert (sum("time 0 of its scene" in entry for entry in log) == 0) == camera_stays
+    assert (opened, stopping == 0) == (1 if port_stays else 2, port_stays)
+    assert sum("time 0 of its scene" in entry for entry in log) == (1 if camera_stays else 2)
     assert line.receiver.counters.lost == 0
     assert line.receiver.counters.restarts == (0 if port_stays else 1)
 

@@ -442,7 +442,7 @@ def test_what_opencv_says_of_a_picture_is_not_shown(take: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("width", "text", "message"),
     [
-        (640, "image_width: 640\n", "camera.yaml: image_height: must be given"),
+        (640, "image_width: 640\n", "camera.yaml: must hold a lens"),
         (640, None, "camera.yaml: cannot be read"),
         (320, "", "camera.yaml: was made for pictures of 320 × 240 pixels"),
     ],
