@@ -41,6 +41,16 @@ def test_no_pose_is_made_of_a_picture_that_came_before() -> None:
     assert reported(path, shown(9, 9)) == ([7], False)
 
 
+@pytest.mark.parametrize("buffers", [2, 4, 6])
+def test_nor_where_a_driver_gives_its_buffers_by_turns(buffers: int) -> None:
+    """A queue that nobody fills any more."""
+    path = pipeline()
+    for seq in range(10):
+        reported(path, shown(seq, seq))
+    again = [reported(path, shown(10 - buffers + at % buffers, at)) for at in range(10, 10 + 2 * buffers)]
+    assert again == [([], True)] * (2 * buffers)
+
+
 @pytest.mark.parametrize("pixels", [1, 640])
 def test_one_that_differs_anywhere_near_a_panel_is_new(pixels: int) -> None:
     """By as little as a pixel of a row that is compared, or a row."""
