@@ -91,7 +91,7 @@ def test_rows_from_the_other_side_are_told_of_a_far_panel(turned: bool, configur
     is_wrong = turned or configured == "below"
     assert (f"this is ID 7, if the picture's rows run from {other}" in told.says) is is_wrong
     assert (told.helps == f"set camera.rows_from: {other}") is is_wrong
-    assert told.kind == "panel"
+    assert told.kind == "panel" or not is_wrong  # a panel that is far may be any light, for all that a frame shows
 
 
 def test_rows_from_the_other_side_are_told_while_somebody_watches(monkeypatch: pytest.MonkeyPatch) -> None:
