@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -49,7 +48,6 @@ class WhyNot:
         self._until_s = 0.0  # for which these hold
         self._next_s = 0.0  # from when on guesses are made again
         self._guessing = threading.Lock()
-        self._run: deque[Frame] = deque(maxlen=RUN_FRAMES)
 
     def explain(
         self, frame: Frame, not_read: Sequence[NotRead], read_px: Sequence[Floats], run: Sequence[Frame] = ()
@@ -62,10 +60,9 @@ class WhyNot:
     def explain_at_once(self, frame: Frame, not_read: Sequence[NotRead], read_px: Sequence[Floats]) -> Why:
         """Explains what can be said now; guesses are those of a frame just before, and are made anew beside."""
         now_s = time.monotonic()
-        self._run.append(frame)
         if now_s >= self._next_s:
             self._next_s = float("inf")
-            args = (frame, _apart(not_read, read_px), tuple(self._run))
+            args = frame, _apart(not_read, read_px)
             threading.Thread(target=self._guess_beside, args=args, name="guess", daemon=True).start()
         why = self._why(frame, not_read, read_px, self._supposed if now_s < self._until_s else [])
         return why._replace(diagnoses=self._with_recent(now_s, why.diagnoses, read_px))
@@ -93,13 +90,13 @@ class WhyNot:
             frame, [one.corners_px for one in worth], [one.corners_px for one in worth if found_cells(one)], run
         )
 
-    def _guess_beside(self, frame: Frame, not_read: Sequence[NotRead], run: Sequence[Frame]) -> None:
+    def _guess_beside(self, frame: Frame, not_read: Sequence[NotRead]) -> None:
         with suppress(OSError, AttributeError):  # of this thread alone, as Linux does
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _LEAST_PRIORITY)
         since_s = time.monotonic()
         try:
             with self._guessing:
-                self._supposed = self._guess(frame, not_read, run)
+                self._supposed = self._guess(frame, not_read, ())
         finally:
             now_s = time.monotonic()
             self._next_s = now_s + max(REST_S, now_s - since_s)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -20,7 +19,6 @@ from ledpi.diagnosis.why_not import RUN_FRAMES, Why, WhyNot
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.simulate.scenes import still_scene
-from ledpi.view.pictures import PERIOD_S
 from tests.builders.faults import DICTIONARY, FAULTS, PLACE_PX, RIGHT, SIDE_PX, Fault, camera_of, config_of
 
 FRAMES = 9  # of a stream
@@ -92,22 +90,6 @@ def test_rows_from_the_other_side_are_told_of_a_far_panel(turned: bool, configur
     assert (f"this is ID 7, if the picture's rows run from {other}" in told.says) is is_wrong
     assert (told.helps == f"set camera.rows_from: {other}") is is_wrong
     assert told.kind == "panel" or not is_wrong  # a panel that is far may be any light, for all that a frame shows
-
-
-def test_rows_from_the_other_side_are_told_while_somebody_watches(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the live page does: one picture after the other, and the guess of the last ones is made beside."""
-    monkeypatch.setattr("ledpi.diagnosis.why_not._LEAST_PRIORITY", 0)  # a busy machine would not get to it
-    config = config_of(RIGHT)
-    seen_by, frames = far_panel(config, turned=True)
-    why_not, pipeline = WhyNot(seen_by, config.panels, None), Pipeline(seen_by, config.panels, intrinsics=None)
-    until_s = time.monotonic() + 120
-    says: list[str] = []
-    while not any("rows run from below" in said for said in says) and time.monotonic() < until_s:
-        time.sleep(PERIOD_S)
-        frame, trace = next(frames), Trace()
-        pipeline.decode(frame, trace)
-        says = [one.says for one in why_not.explain_at_once(frame, not_read_in(trace), []).diagnoses]
-    assert any("rows run from below" in said for said in says)
 
 
 def test_what_a_guess_reads_is_outlined_where_it_is_read() -> None:
