@@ -7,6 +7,7 @@ import numpy as np
 from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.config.settings import load_config
 from ledpi.core.records import Frame, Pixels
+from ledpi.pipeline.repeats import BUFFERS
 from ledpi.simulate.scenes import still_scene
 from tests.builders.virtual_picamera2 import ROW_US
 
@@ -26,13 +27,17 @@ SETTINGS = (
 )
 
 
+# A frame that is lost shifts the round by one picture; the daemon refuses those that it kept as given by turns.
+PICTURES = BUFFERS + 4
+
+
 def rendered() -> list[Pixels]:
-    """Three frames of the panels, side by side at 0.75 m."""
+    """Frames of the panels, side by side at 0.75 m, each with noise of its own."""
     config = load_config(None, SETTINGS)
     specs = {marker_id: config.panels.spec(marker_id) for marker_id in IDS}
     sensor = simulated_sensor(config.camera, config.panels)
     scene = still_scene(sensor, specs, config.panels.dictionary, distance_m=0.75, angle_deg=0.0)
     camera = SimulatedCamera(scene, seed=0, paced=False)
-    found = [np.zeros((480, 640), np.uint8) for _ in range(3)]
+    found = [np.zeros((480, 640), np.uint8) for _ in range(PICTURES)]
     assert all(isinstance(camera.read(into), Frame) for into in found)
     return found
