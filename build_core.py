@@ -1,4 +1,4 @@
-"""Builds the compiled core: `ledpi.kernels._core`, one extension of all C files in ledpi/kernels.
+"""Builds the compiled core: `ledpi.kernels._core`, one extension of all C files in FOLDERS.
 
 setup.py names `ffibuilder`. cffi makes the bindings from core.h, which the C files include, too: a declaration and its
 function cannot differ. By Python's limited API, so that one build serves every version from 3.10 on.
@@ -10,14 +10,16 @@ from pathlib import Path
 
 from cffi import FFI
 
-FOLDER = Path("ledpi/kernels")  # setuptools runs it in the project's root
-SOURCES, HEADERS = sorted(FOLDER.glob("*.c")), sorted(FOLDER.glob("*.h"))
+# C stands beside the Python of its stage; what all share is in kernels. As library.py has them.
+FOLDERS = ("kernels", "pose", "decode/evidence", "decode/finding", "decode/identify", "decode/model")
+ROOMS = [Path("ledpi") / folder for folder in FOLDERS]  # setuptools runs it in the project's root
+SOURCES, HEADERS = ([path for room in ROOMS for path in sorted(room.glob(ending))] for ending in ("*.c", "*.h"))
 # Compiled in, so that a core that is older than the sources beside it is told (library.py).
 DIGEST = sha256(b"".join(path.read_bytes() for path in (*SOURCES, *HEADERS))).hexdigest()
 
 ffibuilder = FFI()
 # cffi reads declarations, but no directives.
-ffibuilder.cdef(re.sub(r"^#.*$", "", (FOLDER / "core.h").read_text(encoding="utf-8"), flags=re.MULTILINE))
+ffibuilder.cdef(re.sub(r"^#.*$", "", Path("ledpi/kernels/core.h").read_text(encoding="utf-8"), flags=re.MULTILINE))
 ffibuilder.cdef("char *ledpi_sources(void);")
 # What is not finite must stay so (degenerate quads are refused by it): no -ffast-math. No -march=native: a Pi's system
 # may be made on another Pi.
@@ -26,7 +28,7 @@ ffibuilder.set_source(
     f'#include "core.h"\nstatic char *ledpi_sources(void) {{ return "{DIGEST}"; }}\n',
     sources=[str(path) for path in SOURCES],
     depends=[str(path) for path in HEADERS],
-    include_dirs=[str(FOLDER)],
+    include_dirs=[str(room) for room in ROOMS],
     extra_compile_args=[
         *("-std=c99", "-O3", "-Wall", "-Wextra", "-Wno-unused-parameter"),  # cffi's own have some
         *("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast"),

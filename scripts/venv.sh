@@ -27,7 +27,7 @@ make_venv() {
         exit 2
     fi
     bring_compiler "$python"
-    wanted=$("$python" -c 'import sys; print(sys.executable, sys.version)'; cat pyproject.toml constraints/* setup.py build_core.py ledpi/kernels/*.[ch]; echo "$@")
+    wanted=$("$python" -c 'import sys; print(sys.executable, sys.version)'; cat pyproject.toml constraints/* setup.py build_core.py $(find ledpi -name "*.[ch]" | LC_ALL=C sort); echo "$@")
     if [[ ! -f $venv/inputs || $(<"$venv/inputs") != "$wanted" ]]; then
         "$python" -m venv --clear "$venv"
     fi

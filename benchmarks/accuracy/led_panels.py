@@ -26,7 +26,7 @@ from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.core.records import CameraInfo, Frame, Quad, Rejected
 from ledpi.core.tone import linear_light
-from ledpi.decode.cells import sample_cells
+from ledpi.decode.evidence.cells import sample_cells
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.markers.dictionaries import load_dictionary

@@ -15,8 +15,8 @@ import numpy as np
 from ledpi.core.records import Floats, Frame, PanelSpec, Quad, read_only
 from ledpi.decode.model.fit import Fitter
 from ledpi.decode.model.light import Window
+from ledpi.decode.model.panel import Followed
 from ledpi.decode.model.picture import PanelPicture, mean_of
-from ledpi.kernels.panel import Followed
 
 REACH = 0.1  # of the side, around the panel
 # Fits that a picture is the mean of, before the first frame that is followed and later: what one is off, and does not

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ledpi.core.records import Floats, Frame
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.model.light import Window
 
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected, read_only
-from ledpi.decode.cells import MIN_CELL_PX
+from ledpi.decode.evidence.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import band_depth, dimmest
+from ledpi.decode.finding.find import Glancer, LatticeSearcher
 from ledpi.decode.finding.glance import template
 from ledpi.decode.finding.outlines import Finder
-from ledpi.kernels.find import Glancer, LatticeSearcher
 
 DEEP = 0.5  # depth of bands that cut a panel into pieces
 # A frame's candidates may lead to so many fits of what is none: with evidence of ln(N / WASTED) or more, texture gets

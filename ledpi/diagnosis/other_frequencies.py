@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.markers.codewords import Dictionary
 

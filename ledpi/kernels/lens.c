@@ -6,7 +6,7 @@
 #include <math.h>
 
 #include "core.h"
-#include "pose.h"
+#include "lens.h"
 
 enum { ROUNDS_ALONG = 60, ROUNDS = 5 }; /* along the radius, bracketed: 5 are usual; then by Newton */
 #define SEEN_AGAIN_PX 1e-3 /* a ray is that of a pixel if it is seen so near it */

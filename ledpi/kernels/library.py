@@ -1,4 +1,4 @@
-"""The compiled core (`_core`, made from core.h and the C files here), and how arrays are handed to it.
+"""The compiled core (`_core`, made from core.h and the C files of FOLDERS), and how arrays are handed to it.
 
 Loading it is as pure as importing numpy: a shared library, once. While one of its functions runs, Python's other
 threads do too. Every function takes arrays by `pointer`, of the type that it declares: another is a TypeError.
@@ -19,6 +19,8 @@ from ledpi.core.errors import InstallationError
 if TYPE_CHECKING:
     from importlib.abc import Traversable
 
+# C stands beside the Python of its stage; what all share is here. As build_core.py has them.
+FOLDERS = ("kernels", "pose", "decode/evidence", "decode/finding", "decode/identify", "decode/model")
 REMEDY = "install ledpi again: sudo scripts/install, or pip install -e . (needs gcc, libc6-dev, python3-dev)"
 
 try:
@@ -54,17 +56,18 @@ def doubles(array: NDArray[Any]) -> NDArray[np.float64]:
     return np.ascontiguousarray(array, np.float64)
 
 
-def digest(folder: Traversable) -> str:
-    """SHA-256 of the C files there, then of the headers, in hexadecimal; as build_core.py has it."""
-    by_name = {file.name: file for file in folder.iterdir()}
-    names = [name for ending in (".c", ".h") for name in sorted(by_name) if name.endswith(ending)]
-    return sha256(b"".join(by_name[name].read_bytes() for name in names)).hexdigest()
+def digest(package: Traversable) -> str:
+    """SHA-256 of the package's C files, then of the headers, in hexadecimal; as build_core.py has it."""
+    rooms = [package.joinpath(*folder.split("/")) for folder in FOLDERS]
+    every = [file for room in rooms for file in sorted(room.iterdir(), key=lambda file: file.name)]
+    sources = [file.read_bytes() for ending in (".c", ".h") for file in every if file.name.endswith(ending)]
+    return sha256(b"".join(sources)).hexdigest()
 
 
-def check(folder: Traversable) -> None:
+def check(package: Traversable) -> None:
     """Raises InstallationError where the sources there are newer than the core: it would do what older ones say."""
-    if ffi.string(lib.ledpi_sources()).decode("ascii") != digest(folder):
-        raise InstallationError(f"ledpi's compiled core is of other sources than those in {folder}; {REMEDY}")
+    if ffi.string(lib.ledpi_sources()).decode("ascii") != digest(package):
+        raise InstallationError(f"ledpi's compiled core is of other sources than those in {package}; {REMEDY}")
 
 
-check(files("ledpi.kernels"))
+check(files("ledpi"))

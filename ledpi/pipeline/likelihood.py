@@ -10,7 +10,7 @@ from typing import TypeAlias
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
 from ledpi.decode.agenda import Agenda, alone
-from ledpi.decode.cells import sample_cells
+from ledpi.decode.evidence.cells import sample_cells
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.waves import are_sinusoids
 from ledpi.decode.following import MOST_FITS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ledpi.core.records import Floats, Quad, Rejected
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.proposals import Candidate

@@ -1,4 +1,4 @@
-"""Poses of bodies by least squares (kernels/refine.c), and what their derivatives need elsewhere."""
+"""Poses of bodies by least squares (refine.c), and what their derivatives need elsewhere."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.records import Floats, Intrinsics
-from ledpi.kernels import pose as kernel
+from ledpi.pose import solver
 
 # Most end after three or four steps; where corners' errors hang together, as by an unknown motion, it may be twenty.
 ROUNDS = 30
@@ -66,4 +66,4 @@ def fit_body(
     returned is at least as good as the one that it began with.
     """
     starts, most = (rotations, positions), min(at_most, len(rotations))
-    return Fits(*kernel.fit_body(*starts, points, seen_px, whiteners, intrinsics, most, STOP))
+    return Fits(*solver.fit_body(*starts, points, seen_px, whiteners, intrinsics, most, STOP))

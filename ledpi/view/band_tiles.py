@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, Pixels, Quad
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.tap.frames import lens_told
 from ledpi.tools.snapshot.enlarged import TILE, bands_tile
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ledpi.core.records import Floats, Singles
-from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.band_estimate import BandEstimate
+from ledpi.decode.evidence.cells import CellSamples, Lattice
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.shared_light import border_points, contributing_cells, sources_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, Quad
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import Reading, read_codeword

@@ -60,7 +60,13 @@ def test_the_clone_is_left_as_it_is(tmp_path: Path) -> None:
     run(made_up + "install_program", SEEN=f"{tmp_path}/seen", TMPDIR=f"{tmp_path}/temporary")
     seen = (tmp_path / "seen").read_text(encoding="utf-8").splitlines()
     assert not any(path.startswith(str(ROOT)) for path in seen)
-    for part in ("pyproject.toml", "setup.py", "build_core.py", "ledpi/pipeline/pipeline.py", "ledpi/kernels/find.c"):
+    for part in (
+        "pyproject.toml",
+        "setup.py",
+        "build_core.py",
+        "ledpi/pipeline/pipeline.py",
+        "ledpi/decode/finding/find.c",
+    ):
         assert any(path.endswith(f"/{part}") for path in seen)
     assert any(path.endswith("/ledpi/tools/panel/sources/two_outputs.c") for path in seen)
     assert list((tmp_path / "temporary").iterdir()) == []

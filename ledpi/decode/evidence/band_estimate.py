@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, Mask, PanelSpec, Singles
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.classes import band_shares, wave_shares
 from ledpi.decode.evidence.waves import rotated, square_waves
 

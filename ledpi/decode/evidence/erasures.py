@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ledpi.core.records import Mask, Singles
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 
 # Of the cells' mean light: less is no cell's own. LEDs that differ by 15 % (a deviation) keep to more than twice that;

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, PanelSpec, Rejected
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.noise import WHITE, Correlation, lags_of, white_noise_expected
 from ledpi.decode.evidence.waves import band_prior
 

@@ -1,8 +1,9 @@
 """Weighs the light of a fitted panel for the bands in each of its cells, by the equation that the fit solves.
 
-In C (kernels/panel_evidence.c). Of a frame alone, or the mean of several, all that the fit does not know is eliminated:
-corners, blur, walls, gains, and one free profile that all cells share. A frame that is compared with the mean of those
-before differs from it by its bands, by what moves, and by the light's level, so the static picture need not be known.
+In C (decode/model/panel_evidence.c). Of a frame alone, or the mean of several, all that the fit does not know is
+eliminated: corners, blur, walls, gains, and one free profile that all cells share. A frame that is compared with the
+mean of those before differs from it by its bands, by what moves, and by the light's level, so the static picture need
+not be known.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.model.fit import pitch_px_of, solver_view
 from ledpi.decode.model.light import waves
+from ledpi.decode.model.panel import Weigher
 from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, prior
 from ledpi.decode.observation import Observation
 from ledpi.kernels.lens import bending_lens_of
 from ledpi.kernels.library import NONE, lib
-from ledpi.kernels.panel import Weigher
 
 # Samples along a cell, one a pixel but for these: fewer tell no bands from gains, more no more.
 FEWEST_EACH = 3

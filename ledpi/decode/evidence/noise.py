@@ -24,7 +24,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ledpi.decode.cells import INSET, CellSamples
+from ledpi.decode.evidence.cells import INSET, CellSamples
 from ledpi.decode.evidence.white_noise import ROUNDED_PX, Lags, Step, lattice_statistics, likeness, pair_count
 
 # At a cell's rim walls stand, of which no model tells all: what is left there is light as much as noise. Of small cells

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.records import Mask, Pixels, Singles
-from ledpi.decode.cells import BORDER_PX, INSET, MIN_LEFT, CellSamples
+from ledpi.decode.evidence.cells import BORDER_PX, INSET, MIN_LEFT, CellSamples
 from ledpi.decode.evidence.shared_light import border_points
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.

@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 
 from ledpi.core.records import Integers
-from ledpi.decode.cells import BORDER_PX, INSET, CellSamples
+from ledpi.decode.evidence.cells import BORDER_PX, INSET, CellSamples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

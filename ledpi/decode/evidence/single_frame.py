@@ -1,6 +1,6 @@
 """Evidence of one picture on the bands in a panel's cells, by comparison of the cells with each other.
 
-In C (kernels/single_frame.c). With d the light over the root of what each sample is expected to have, as shot noise has
+In C (single_frame.c). With d the light over the root of what each sample is expected to have, as shot noise has
 the variance of the light, d is fitted by what cells share at each point (`shared_light`), a gain g of each cell, eight
 ways s in which corners can be off, and bands x of its own in each cell: all linear. What they share is projected out;
 of the normal equations of the rest, with blocks A for (g, s), B for x, and C between them,
@@ -17,8 +17,8 @@ import math
 import numpy as np
 
 from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
-from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import BandEstimate
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.erasures import erase_unlit_cells
 from ledpi.decode.evidence.evidence import Evidence, Weighed, evidence_of
 from ledpi.decode.evidence.noise import lags_of

@@ -14,7 +14,7 @@ import numpy as np
 
 from ledpi.core import shutter
 from ledpi.core.records import Floats, Frame, PanelSpec, Singles
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.cells import CellSamples
 
 MAX_ROOM_LIGHT = 2.0  # of a panel's own in the mean of its bands: a brighter room hides the deepest
 FULL_DEPTH = 0.5  # bands as deep as this outshine all noise

@@ -1,7 +1,7 @@
 """A glance at candidates before anything is fitted: how much likelier is a panel there than smooth texture?
 
 On a picture where a cell has 5 to 10 pixels all panels look alike. The template of such a picture, its slopes, and what
-varies in it are made once; kernels/glance.c looks at all candidates of a frame in one call. Light is about what is
+varies in it are made once; glance.c looks at all candidates of a frame in one call. Light is about what is
 dark, in units of what is bright less that; lengths are in cells.
 """
 
@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 
 from ledpi.core.records import Floats, read_only
+from ledpi.decode.finding.find import Hypothesis, Template
 from ledpi.decode.model.prior import BESIDE_SIGMA, BLUR_PX, DARK_SIGMA, GAIN_SIGMA, GAP_MEAN, NEVER
-from ledpi.kernels.find import Hypothesis, Template
 
 EACH, BEYOND = 5, 2  # samples along a cell, and beyond each side
 BLUR = 0.24  # of a picture where a cell has so few pixels: their own width, and the lens'

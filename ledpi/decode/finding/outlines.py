@@ -1,7 +1,7 @@
 """Outlines of lit, four-sided things: a panel is brighter than what is next to it, and has four sides.
 
 On a picture shrunk far enough the cells of a panel melt into one, so this is done on a pyramid: what is brighter than
-each of some grey levels, or than its neighbourhood (kernels/threshold.c), has outlines (outlines.c), some of these four
+each of some grey levels, or than its neighbourhood (threshold.c), has outlines (outlines.c), some of these four
 sides (four_sides.c), and what is found twice is one thing (suppression.c).
 """
 
@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ledpi.core.records import Floats, Frame, Pixels, Rejected
+from ledpi.decode.finding.find import SquareSearcher
 from ledpi.decode.finding.pyramid import Pyramid
-from ledpi.kernels.find import SquareSearcher
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
 NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
@@ -28,7 +28,7 @@ _SHORTEST = (10, 24, 24)
 
 
 class Limits(NamedTuple):
-    """Limits of an outline; as `Limits` of kernels/find.h has them."""
+    """Limits of an outline; as `Limits` of find.h has them."""
 
     min_contrast: float = 16  # grey levels from the darkest around: less is noise and texture
     narrowest: float = 3  # pixels, across and down: less is a speck

@@ -21,17 +21,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, Rejected
-from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import estimate_bands
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import are_sinusoids, is_deep_anywhere, is_faint
 from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.codewords import rank_codewords
+from ledpi.decode.identify.codewords import Fit, rank_codewords
 from ledpi.decode.identify.first_pass import first_pass
 from ledpi.decode.identify.plausibility import all_rows_blink, is_plausible, misfit_inflation, settles_deep_bands
-from ledpi.kernels.codewords import Fit
 
 NO_BANDS = Rejected(stage="identify", reason="no_bands")
 NO_CODEWORD = Rejected(stage="identify", reason="not_in_dictionary")

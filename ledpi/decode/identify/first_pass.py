@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from ledpi.core.records import Floats, Frame, PanelSpec, Rejected, Singles
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.identify.codewords import rank_codewords
-from ledpi.kernels.codewords import Fit
+from ledpi.decode.identify.codewords import Fit, rank_codewords
 
 
 def first_pass(

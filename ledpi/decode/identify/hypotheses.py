@@ -13,15 +13,14 @@ from functools import cache
 import numpy as np
 
 from ledpi.core.records import Frame, Mask, Rejected, Singles
-from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import estimate_bands
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
-from ledpi.decode.identify.codewords import likeliest_far_pattern, near_pattern_likelihood, rank_codewords
+from ledpi.decode.identify.codewords import Fit, likeliest_far_pattern, near_pattern_likelihood, rank_codewords
 from ledpi.decode.identify.first_pass import first_pass
-from ledpi.kernels.codewords import Fit
 
 # Patterns that are no codeword count as alternatives as if they showed up as often as codewords: all of them alike, or
 # those that differ from a codeword in 2, 3 or 4 cells, evenly, which is more where panels have many cells.

@@ -9,7 +9,7 @@ import numpy as np
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.waves import is_deep_anywhere
-from ledpi.kernels.codewords import Fit
+from ledpi.decode.identify.codewords import Fit
 
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
 # the classes of one panel are thinned alike by whatever light does not blink; where that is three times the panel's

@@ -1,6 +1,6 @@
 """Fits the whole picture of a panel to light, from corners that are about right.
 
-docs/algorithm.md has the equation and its unknowns, kernels/panel_light.c its terms, kernels/panel_fit.c the step.
+docs/algorithm.md has the equation and its unknowns, panel_light.c its terms, panel_fit.c the step.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 from ledpi.decode.model.light import Window, grid, waves
+from ledpi.decode.model.panel import MOST_LINES, Solver
 from ledpi.decode.model.prior import BLUR, SMEAR, prior
 from ledpi.kernels.lens import bending_lens_of
 from ledpi.kernels.library import NONE, lib
-from ledpi.kernels.panel import MOST_LINES, Solver
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")

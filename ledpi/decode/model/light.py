@@ -16,7 +16,7 @@ from ledpi.core.tone import linear_light
 
 FEWEST_PX = 70  # a square of twice as many pixels along its side is averaged down: its light abounds
 FARTHEST = 8  # sizes of the picture: corners further out are none
-WAVE_STEPS = 512  # of a period; as in kernels/panel.h
+WAVE_STEPS = 512  # of a period; as in panel.h
 # Quantiles: of the light around, what is taken for dark; of that within the square, for a panel's own and for dimmed.
 DARK, BRIGHT = 0.05, 0.8
 ENOUGH = 1000  # pixels, for a quantile

@@ -16,6 +16,7 @@ from ledpi.core.records import Floats, Frame, Mask, PanelSpec, Quad
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.model.fit import Fitter, pitch_px_of
 from ledpi.decode.model.light import Window, grid, waves
+from ledpi.decode.model.panel import MOST_LINES, Picture
 from ledpi.decode.model.prior import (
     ASIDE,
     BESIDE,
@@ -30,7 +31,6 @@ from ledpi.decode.model.prior import (
     WAYS,
     prior,
 )
-from ledpi.kernels.panel import MOST_LINES, Picture
 
 # Walls, rims, a cell's profile: they are the picture's, and a frame by itself adds nothing.
 LASTING = np.array([GAP, *range(RIM, PHASE), ASIDE, ASIDE + 1, DEPTH, GLOW])
@@ -46,7 +46,7 @@ def mean_of(fits: Sequence[Floats]) -> Floats:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PanelPicture:
-    """On a grid that moves with the panel (kernels/panel_follow.c)."""
+    """On a grid that moves with the panel (panel_follow.c)."""
 
     spec: PanelSpec
     shares: Floats  # (cells, waves) of each wave in what cells show

@@ -12,7 +12,7 @@ import numpy as np
 
 from ledpi.core.records import Floats, read_only
 
-# Where in the unknowns; as kernels/panel.h has them. The first, WAYS, are the homography's.
+# Where in the unknowns; as panel.h has them. The first, WAYS, are the homography's.
 WAYS, BLUR, GAP, RIM, SHAPE, PHASE, BESIDE, DARK, ASIDE = 8, 8, 9, 10, 14, 27, 29, 33, 34
 DEPTH, GLOW, SMEAR, COMMON, OWN = 36, 37, 38, 39, 3
 
@@ -26,14 +26,14 @@ GLOW_MEAN, GLOW_SIGMA = 0.4, 0.2  # of a wall's face, over the diffuser beside i
 SMEAR_SIGMA_PER_MS = 0.03  # logarithm of the blur along rows over the geometric mean: turning adds so much per exposure
 BESIDE_SIGMA = 1.0  # what is beside a panel may be brighter than it is
 DARK_SIGMA = 0.3  # the room's light on the panel
-# Cycles: before, a grid of 24 phases a cycle (kernels/panel_phases.c) finds them to half a step. Faint bands tell no
+# Cycles: before, a grid of 24 phases a cycle (panel_phases.c) finds them to half a step. Faint bands tell no
 # more: cells may show any mix of both waves, which would turn the phases at each step.
 PHASE_SIGMA = 1.0 / 24.0 / math.sqrt(12.0)
 NEVER = 1e-4  # where nothing of the kind is to be
 GAIN_SIGMA = 0.5  # of cells, which may be dead
 MIX_SIGMA = 0.7  # of either class's wave in a cell: 0 or 1
 
-# Harmonics across and down of each of the profile's shapes; as kernels/panel.h has them.
+# Harmonics across and down of each of the profile's shapes; as panel.h has them.
 HARMONICS = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3), (4, 0), (0, 4), (1, 1), (2, 1), (1, 2), (2, 2), (3, 3))
 
 

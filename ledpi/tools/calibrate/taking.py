@@ -17,7 +17,7 @@ from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import MAX_GAP_NS, CameraInfo, Frame, Intrinsics, PanelValues, Rejected
-from ledpi.decode.cells import SATURATED
+from ledpi.decode.evidence.cells import SATURATED
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.recording.overrides import load_recording_with

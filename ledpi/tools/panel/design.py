@@ -17,7 +17,7 @@ from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES, choose_frame_length_ro
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec, Phase, Rejected
 from ledpi.core.shutter import phase_advance_cycles
-from ledpi.decode.cells import MIN_CELL_PX
+from ledpi.decode.evidence.cells import MIN_CELL_PX
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.tools.panel.frequencies import (
     NULL_SHARE,

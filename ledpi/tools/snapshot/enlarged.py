@@ -9,7 +9,7 @@ import numpy as np
 
 from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats, Frame, MarkerPose, Pixels, Quad, Rejected
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.diagnosis.diagnose import Diagnosis
 from ledpi.diagnosis.drawing import (
     BACKGROUND,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Floats, Frame, Intrinsics, Quad, Transfer
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from tests.builders.decode import LENS, Canvas, quad, reason, seen_through, square, word
 
 # Each cell has a level of its own, so that what is sampled tells where it came from.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Floats, Frame, PanelSpec, Rejected, Transfer
-from ledpi.decode.cells import sample_cells
+from ledpi.decode.evidence.cells import sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify.codebook import Codebook

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Floats, Frame, Rejected
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.erasures import find_unlit_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence

@@ -9,9 +9,9 @@ import pytest
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Pixels
 from ledpi.decode.agenda import Agenda, alone
+from ledpi.decode.finding.find import Glancer
 from ledpi.decode.finding.glance import template
 from ledpi.decode.proposals import Candidate
-from ledpi.kernels.find import Glancer
 from tests.builders.decode import Canvas, Profile, bare, diffuser, flat, one_size, square, word
 
 LIKELY = 5.0  # nats: of 150 candidates, texture gets past in one

@@ -34,7 +34,7 @@ ASIDE = projected(40.0)  # and seen from 60° aside
 OBLIQUE = np.array([[40.3, 20.6], [111.7, 32.2], [112.1, 127.4], [39.8, 141.9]])
 OFF_PX = np.array([[1.0, -1.0], [-1.0, 0.0], [0.5, 1.0], [0.0, -1.0]])
 EXPOSURES_US = (TRUE_10_MS_US, 600.0, 150.0)
-HIDDEN = 0.06  # of a cell, as in kernels/panel_corners.c
+HIDDEN = 0.06  # of a cell, as in decode/model/panel_corners.c
 
 
 def fitted(panel: Panel, window: Window, near: Floats, effort: Effort = WHOLE, known: Floats | None = None) -> Fitted:

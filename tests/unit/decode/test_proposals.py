@@ -11,8 +11,8 @@ import pytest
 
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Pixels
+from ledpi.decode.finding.find import LatticeSearcher
 from ledpi.decode.proposals import Candidate, Proposer
-from ledpi.kernels.find import LatticeSearcher
 from tests.builders.decode import (
     SHORT_US,
     SPEC,

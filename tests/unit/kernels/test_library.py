@@ -17,26 +17,28 @@ from ledpi.core.errors import InstallationError
 from ledpi.kernels.library import NONE, check, lib, pointer
 from tests.builders import ROOT
 
-FOLDER = ROOT / "ledpi/kernels"
+PACKAGE = ROOT / "ledpi"
+SOURCES_ONLY = shutil.ignore_patterns("*.so", "__pycache__", "tools", "view", "shipped-files")
 
 
 # ---- The build
 
 
-def test_the_core_is_of_its_own_sources(tmp_path: Path) -> None:
+@pytest.mark.parametrize("updated", ["kernels/lens.c", "pose/pose.h", "decode/model/panel_fit.c"])
+def test_the_core_is_of_its_own_sources(updated: str, tmp_path: Path) -> None:
     """After an update that was not installed anew an old core does what older sources say; the error has a remedy."""
-    folder = tmp_path / "kernels"
-    shutil.copytree(FOLDER, folder)
-    check(folder)
-    with (folder / "light.c").open("a") as source:
+    package = tmp_path / "ledpi"
+    shutil.copytree(PACKAGE, package, ignore=SOURCES_ONLY)
+    check(package)
+    with (package / updated).open("a") as source:
         source.write("/* updated */\n")
-    with pytest.raises(InstallationError, match=r"other sources than .*kernels; install ledpi again: .*gcc"):
-        check(folder)
+    with pytest.raises(InstallationError, match=r"other sources than .*ledpi; install ledpi again: .*gcc"):
+        check(package)
 
 
 def test_without_a_core_the_remedy_is_said() -> None:
     """In one line, by whatever needs it first."""
-    code = "import sys; sys.modules['ledpi.kernels._core'] = None; import ledpi.decode.cells"
+    code = "import sys; sys.modules['ledpi.kernels._core'] = None; import ledpi.decode.evidence.cells"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode != 0
     assert "InstallationError: ledpi's compiled core is not there" in done.stderr.splitlines()[-1]
@@ -47,7 +49,7 @@ def test_without_a_compiler_the_installation_fails(tmp_path: Path) -> None:
     pytest.importorskip("cffi")
     for name in ("setup.py", "build_core.py"):
         shutil.copy(ROOT / name, tmp_path)
-    shutil.copytree(FOLDER, tmp_path / "ledpi/kernels", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    shutil.copytree(PACKAGE, tmp_path / "ledpi", ignore=SOURCES_ONLY)
     command = [sys.executable, "setup.py", "build_ext", "--inplace"]
     environment = {**os.environ, "CC": str(tmp_path / "no-such-compiler")}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

@@ -16,7 +16,7 @@ from ledpi.cli.panel_design import _farthest_first
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Quad
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify import decision

@@ -17,7 +17,7 @@ from ledpi.cli import main
 from ledpi.cli.snapshot import reasons
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
-from ledpi.decode.cells import CellSamples, lattice
+from ledpi.decode.evidence.cells import CellSamples, lattice
 from ledpi.diagnosis import drawing
 from ledpi.diagnosis.drawing import AXES, text
 from ledpi.diagnosis.why_not import Why

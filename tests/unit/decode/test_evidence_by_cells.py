@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Frame, PanelSpec
-from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import BandEstimate, estimate_bands
+from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence, weighed

@@ -13,7 +13,9 @@ from functools import cache
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
-from ledpi.kernels import cells as kernel
+from ledpi.core.tone import linear_light
+from ledpi.kernels.lens import bending_lens_of
+from ledpi.kernels.library import NONE, doubles, ffi, lib, pointer
 
 # The very rim of a cell is left out: partitions cast shadows there that no smooth interpolation follows. No more than
 # that: with its gain unknown, a short cell tells its class by how its light changes from its top to its bottom, so by
@@ -34,6 +36,7 @@ MIN_CELL_PX = 2.0
 # bands are deep. (Saturated pixels would spoil too much of it.) The variance of a sample over a pixel's is the mean of
 # the squared weights: (2/3)² for lines in both directions; 0.84, measured, for OpenCV's Lanczos of 8 × 8.
 LANCZOS_VARIANCE, LINEAR_VARIANCE = 0.84, 4.0 / 9.0
+STEPS = 512  # between two pixels, for which there are weights
 
 TOO_SMALL = Rejected(stage="cells", reason="too_small")
 OUTSIDE = Rejected(stage="cells", reason="outside_picture")
@@ -91,7 +94,7 @@ def sample_cells(
     if like is not None and abs(k - like.k) <= max(1.0, SAME_LATTICE * like.k):
         k = like.k
     points = lattice(cells, k)
-    sampled = kernel.sample_cells(frame, corners_px, intrinsics, cells, k, points.along)
+    sampled = _sample(frame, corners_px, intrinsics, points)
     if sampled is None:
         return OUTSIDE
     light, rows, saturated, least = sampled
@@ -133,3 +136,36 @@ def _valid(light: Singles) -> Mask | Rejected:
     if valid.sum(axis=1).min() < light.shape[1] // 4:
         return SATURATED
     return DARK if np.nansum(light, axis=1).min() <= 0 else valid
+
+
+@cache
+def _lanczos() -> Singles:
+    """(STEPS + 1, 8) weights of the pixels −3 … 4 for every share of the way from pixel 0 to 1, their sum 1."""
+    away = np.arange(-3, 5) - np.arange(STEPS + 1)[:, None] / STEPS
+    weights = np.sinc(away) * np.sinc(away / 4)
+    return np.ascontiguousarray(weights / weights.sum(axis=1, keepdims=True), np.float32)
+
+
+def _sample(
+    frame: Frame, corners_px: Floats, lens: Intrinsics | None, points: Lattice
+) -> tuple[Singles, Singles, bool, float] | None:
+    """Light and picture rows (cells², k²) on the lattice inside `corners_px` (4, 2), bent as the `lens` does (cells.c).
+
+    And whether a pixel of those that this takes in is saturated, and the least sum of light over a cell, not a number
+    where that spoils a sample. None where corners or points leave the picture. Raises MemoryError.
+    """
+    light, rows = np.empty(points.u.shape, np.float32), np.empty(points.u.shape, np.float32)
+    least, corners = np.empty(1), doubles(corners_px)
+    pixels = frame.pixels if frame.pixels.strides[1] == 1 else np.ascontiguousarray(frame.pixels)
+    first = ffi.cast("uint8_t *", pixels.__array_interface__["data"][0])  # rows may be apart
+    bending = bending_lens_of(lens)
+    outcome = lib.ledpi_sample_cells(
+        *(first, *pixels.shape, pixels.strides[0], pointer(linear_light(frame.transfer, mark_saturated=True))),
+        *(pointer(corners), NONE if bending is None else pointer(bending), points.cells, points.k),
+        *(pointer(points.along), pointer(_lanczos()), STEPS, pointer(light), pointer(rows), pointer(least)),
+    )
+    if outcome == lib.LEDPI_NOT_SAMPLED:
+        raise MemoryError
+    if outcome == lib.LEDPI_OUTSIDE:
+        return None
+    return light, rows, outcome == lib.LEDPI_SOME_SATURATED, float(least[0])

@@ -2,16 +2,9 @@
 #ifndef LEDPI_POSE_H
 #define LEDPI_POSE_H
 
-#include <stdbool.h>
-#include <stddef.h>
+#include "lens.h"
 
 enum { MOST_STARTS = 2 };
-
-/* As `Intrinsics`, for each of its models: coefficients that a model lacks are 0. Rays of a larger r² than `most_r2` are not
- * seen: there the picture would fold. */
-typedef struct {
-    double fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, equidistant, most_r2;
-} Lens;
 
 /* Points of a body and where they are seen, four at a time with what makes their errors independent. */
 typedef struct {
@@ -22,13 +15,6 @@ typedef struct {
 typedef struct {
     double rotation[9], position[3], chi2, covariance[36];
 } Fit;
-
-/* The pixel of a point in the camera's frame, and its derivative by the point (lens.c). */
-void ledpi_project(const Lens *lens, const double at[3], double pixel[2], double slope[2][3]);
-
-/* The pixel of a ray (x/z, y/z) with its derivative by the ray, and the ray of a pixel; not a number where there is none (lens.c). */
-void ledpi_distort(const Lens *lens, double x, double y, double pixel[2], double by[2][2]);
-void ledpi_ray_of(const Lens *lens, const double pixel[2], double ray[2]);
 
 /* When to stop: after so many rounds, where a step would change nothing, and what is beaten by so much of χ². Constants of
  * pose/refine.py. */

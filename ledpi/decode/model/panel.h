@@ -5,7 +5,7 @@
 #include "core.h"
 #include "kernels.h"
 #include "normal.h"
-#include "pose.h"
+#include "lens.h"
 
 enum {
     WAYS = 8, /* in which a homography can be wrong */

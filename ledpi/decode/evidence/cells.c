@@ -1,10 +1,10 @@
-/* The light of a panel's cells, on a lattice of points in each: `sample_cells` of decode/cells.py. */
+/* The light of a panel's cells, on a lattice of points in each: `sample_cells` of cells.py. */
 #include <math.h>
 #include <stdlib.h>
 
 #include "core.h"
 #include "kernels.h"
-#include "pose.h"
+#include "lens.h"
 #include "simd.h"
 
 enum {
