@@ -25,6 +25,12 @@ OPEN_S = 0.25  # that one look for the router takes
 GOODBYE_S = 2.0  # within which a router that listens has taken what is on its way
 QOS = "::,10:,:,:,,"  # rmw's default but for the depth: what is default is left empty
 GID_BYTES = 16
+# Zenoh drops a message for which there is no room within 1 ms, in a queue of two; a frame's come all at once, and on a
+# busy machine the thread that empties the queue may not have had its turn by then. Both ends still bound what waits.
+QUEUE = {
+    "transport/link/tx/queue/size/data": 16,
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 50_000,  # µs
+}
 
 
 class ZenohTarget:
@@ -92,6 +98,7 @@ class ZenohTarget:
             "scouting/gossip/enabled": True,
             "transport/shared_memory/enabled": False,  # else a file stays open of each router that was ever there
             "queries_default_timeout": 1000,
+            **QUEUE,
         }
         for key, value in values.items():
             config.insert_json5(key, json.dumps(value))

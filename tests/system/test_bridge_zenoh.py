@@ -1,4 +1,4 @@
-"""A daemon's poses in ROS 2, without ROS: a participant that knows only rmw_zenoh's names and ROS 2's IDL."""
+"""A daemon's poses in ROS 2, without ROS: participants that know only rmw_zenoh's names and ROS 2's IDL."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +17,11 @@ pytest.importorskip("rosbags", reason="rosbags is not installed")
 
 from tests.builders import ROOT
 from tests.builders.bridges import ZENOH_ROUTER, Zenoh, bridge, free_port
-from tests.builders.daemon import daemon, slowness, write_recording
 from tests.builders.made_up_daemon import MadeUpDaemon
-from tests.builders.tap import at, reach, wait_until
+from tests.builders.ros_node import DETECTIONS, FRAME_US, PANELS, Drive, driven, near
+from tests.builders.tap import wait_until
 
 # A router, and a node that subscribes to all that it is told of by liveliness tokens, as ROS 2's tools do.
-LONG_MS = 10_000  # no pose grows too old, however busy the machine is
 PARTICIPANT = (
     ZENOH_ROUTER
     + """
@@ -62,9 +60,9 @@ time.sleep(1e6)
 )
 
 
-def heard_of(take: Path, folder: Path, frames: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]], int]:
-    """Returns what the participant heard, and the tap's lines of a daemon that replays `take`."""
-    port, path = free_port(), folder / "tap.sock"
+def test_a_tool_finds_every_topic_by_what_the_bridge_tells_of_itself(tmp_path: Path) -> None:
+    """As `ros2 topic list` does: by liveliness tokens, with ROS 2's own types, their hashes and the node's name."""
+    port, wanted = free_port(), {"/tf", "/ledpi/panel_7", "/diagnostics"}
     command = [sys.executable, "-c", PARTICIPANT, str(port)]
     participant = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     assert participant.stdout is not None
@@ -72,51 +70,88 @@ def heard_of(take: Path, folder: Path, frames: int) -> tuple[list[dict[str, Any]
     heard: list[dict[str, Any]] = []
     reader = threading.Thread(target=lambda lines: heard.extend(map(json.loads, lines)), args=(participant.stdout,))
     reader.start()
-    source = f"camera.source=recording:{take}"
-    settings = {"kind": "zenoh", "host": "127.0.0.1", "port": port}
-    with bridge(settings, path, folder, max_age_ms=LONG_MS) as running:
-        with (
-            daemon(source, at(path), f"serial.max_age_ms={LONG_MS}", options=("--frames", str(frames))),
-            reach(path) as tap,
-        ):
-            told = [line for line in tap.lines() if line["type"] == "decoded"]
-        counters = running.end()
-    count = -1
-    while count != len(heard):  # what is on its way
-        count = len(heard)
-        time.sleep(slowness())
-    participant.kill()
-    reader.join()
-    participant.stdout.close()
-    participant.wait()
-    assert counters["refused"] == counters["stale"] == 0
-    return heard, told, counters["replaced"]
-
-
-def test_every_pose_arrives_with_its_covariance_and_tf(tmp_path: Path) -> None:
-    """From the first that both were there for; each as the tap tells it."""
-    write_recording(tmp_path / "take", 30, rows=3 * 504)
-    heard, told, replaced = heard_of(tmp_path / "take", tmp_path, 30)
-    poses = [each["message"] for each in heard if each["topic"] == "/ledpi/panel_7"]
-    transforms = [each["message"]["transforms"] for each in heard if each["topic"] == "/tf"]
-    certain = [line["markers"][0] for line in told if line["markers"] and line["markers"][0]["alternate"] is None]
-    offset_ns = time.time_ns() - time.monotonic_ns()
-    assert len(certain) > 15
-
-    def of_tap(message: dict[str, Any]) -> int:
-        """The place among `certain` of what was exposed when `message` was."""
-        stamp = message["header"]["stamp"]
-        exposed_ns = stamp["sec"] * 10**9 + stamp["nanosec"] - offset_ns
-        return min(range(len(certain)), key=lambda k: abs(certain[k]["exposed_ns"] - exposed_ns))
-
-    for pose in poses:
-        np.testing.assert_allclose(pose["pose"]["covariance"], certain[of_tap(pose)]["covariance"], rtol=1e-12)
-    assert len(poses) > 3
-    for arrived in (poses, [transform for (transform,) in transforms]):
-        # Each topic is discovered by itself. From then on all arrives that the bridge has not replaced by newer ones.
-        assert len(certain) - of_tap(arrived[0]) - replaced <= len(arrived) <= len(certain)
-    assert {transform["child_frame_id"] for (transform,) in transforms} == {"panel_7"}
+    daemon_end = MadeUpDaemon(tmp_path / "tap.sock", numbered=True)
+    try:
+        with bridge({"kind": "zenoh", "host": "127.0.0.1", "port": port}, tmp_path / "tap.sock", tmp_path):
+            wait_until(lambda: wanted <= {each["topic"] for each in list(heard)})
+    finally:
+        daemon_end.close()
+        participant.kill()
+        reader.join()
+        participant.stdout.close()
+        participant.wait()
     assert {each["node"] for each in heard} == {"ledpi"}
+    last = [each["message"] for each in heard if each["topic"] == "/tf"][-1]
+    assert [transform["child_frame_id"] for transform in last["transforms"]] == ["panel_7"]
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(5, id="5 s"), pytest.param(60, id="60 s", marks=pytest.mark.slow)],
+)
+def drive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    """Of a robot that drives up to two panels of a map and back, at 59 frames a second."""
+    frames = round(request.param * 1e6 / FRAME_US)
+    return driven(tmp_path_factory.mktemp("drive"), frames, of_recording=min(frames, 588))
+
+
+def test_a_node_hears_of_each_frame_that_the_bridge_has_sent(drive: Drive) -> None:
+    """None is lost on the way; what is not sent, as newer ones came before its turn, is counted."""
+    counters, first = drive.counters, drive.reached[0]["seq"]  # before it, the bridge had not yet found the daemon
+    assert len(drive.heard[DETECTIONS]) == counters["sent"]
+    assert counters["refused"] == counters["stale"] == counters["absent"] == 0
+    told = [line for line in drive.told if line["seq"] >= first]
+    assert len(told) - len(drive.reached) <= counters["missed"] + counters["replaced"]
+    assert len(drive.reached) > len(told) / 2
+
+
+@pytest.mark.parametrize("topic", [*PANELS, "/ledpi/pose"])
+def test_a_node_hears_every_pose_with_its_covariance(drive: Drive, topic: str) -> None:
+    """Of each frame that was sent; equal to the tap's."""
+    messages = drive.messages(topic)
+    stamps = [stamp_ns(message.header) for message in messages]
+    assert stamps == sorted(stamps)
+    told = [pose for line in drive.reached for pose in certain_poses(line, topic)]
+    assert len(told) > len(drive.reached) / 4
+    for pose in told:
+        place = near(stamps, drive.unix_ns(pose))
+        assert place is not None, f"frame at {pose['exposed_ns']} ns"
+        got = messages[place].pose
+        assert_pose(got.pose.position, got.pose.orientation, pose)
+        np.testing.assert_allclose(got.covariance, pose["covariance"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("topic", PANELS)
+def test_a_node_hears_of_every_pose_in_tf(drive: Drive, topic: str) -> None:
+    """The same, from the camera's optical frame to the panel's."""
+    child = topic.rpartition("/")[2]
+    transforms = [each for message in drive.messages("/tf") for each in message.transforms]
+    transforms = [each for each in transforms if each.child_frame_id == child]
+    stamps = [stamp_ns(each.header) for each in transforms]
+    assert {each.header.frame_id for each in transforms} == {"camera_optical_frame"}
+    for pose in (pose for line in drive.reached for pose in certain_poses(line, topic)):
+        place = near(stamps, drive.unix_ns(pose))
+        assert place is not None, f"frame at {pose['exposed_ns']} ns"
+        assert_pose(transforms[place].transform.translation, transforms[place].transform.rotation, pose)
+
+
+def certain_poses(line: dict[str, Any], topic: str) -> list[dict[str, Any]]:
+    """The pose of a frame that belongs to a topic, if there is one that cannot be its mirror image."""
+    if topic == "/ledpi/pose":
+        return [line["robot"]] if line["robot"] is not None else []
+    markers = [marker for marker in line["markers"] if topic == f"/ledpi/panel_{marker['id']}"]
+    return [marker for marker in markers if marker["position_m"] is not None and marker["alternate"] is None]
+
+
+def stamp_ns(header: Any) -> int:
+    """Unix time."""
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+
+
+def assert_pose(position: Any, turned: Any, told: dict[str, Any]) -> None:
+    """Equal to the tap's to 1e-9."""
+    np.testing.assert_allclose([position.x, position.y, position.z], told["position_m"], atol=1e-9)
+    np.testing.assert_allclose([turned.w, turned.x, turned.y, turned.z], told["quaternion_wxyz"], atol=1e-9)
 
 
 @pytest.mark.slow
