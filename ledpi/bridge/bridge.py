@@ -31,6 +31,7 @@ class Counters:
     """Frames since the start, and what became of them."""
 
     sent: int = 0
+    missed: int = 0  # the daemon had newer ones before this process read them
     replaced: int = 0  # by a newer one, before the target took it
     stale: int = 0  # older than allowed when its turn came
     refused: int = 0  # the target had no room, or the frame does not fit it
@@ -84,7 +85,10 @@ class Bridge:
             except TapError:
                 time.sleep(RETRY_DAEMON_S)
                 continue
+            dropped = 0  # by this daemon's tap, for us
             for line in tap.lines(reconnect=True):
+                newly, dropped = line.get("dropped", dropped) - dropped, line.get("dropped", dropped)
+                self.counters.missed += max(0, newly)  # another daemon begins at 0
                 self._mailbox.put(_mail_of(line))
 
     def _serve(self, mail: Mail) -> None:

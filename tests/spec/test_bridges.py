@@ -102,7 +102,8 @@ def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(
     assert all(at_ns - 1000 * age_us > back_ns - 1000 * MAX_AGE_US for at_ns, _, age_us in frames)
     wait_until(lambda: open_files(running.process.pid) <= files)  # nothing is left open of the one that is gone
     counters = running.end()
-    assert sum(counters[what] for what in ("sent", "replaced", "stale", "refused", "absent")) >= frames[-1][1] - first
+    became_of_them = ("sent", "missed", "replaced", "stale", "refused", "absent")
+    assert sum(counters[what] for what in became_of_them) >= frames[-1][1] - first
     if not isinstance(far, Udp):
         assert counters["absent"] > 0
         assert counters["opened"] >= 2
@@ -152,6 +153,16 @@ def test_a_frame_that_fits_no_message_stops_nothing(far: Far, running: Running, 
     shows(daemon, 5)
     assert frames_after(far, len(far.frames))
     assert running.process.poll() is None
+
+
+def test_frames_that_the_tap_dropped_for_the_bridge_are_counted(
+    far: Far, running: Running, daemon: MadeUpDaemon
+) -> None:
+    """The tap says with each frame how many this client has missed."""
+    daemon.frame = {"dropped": 7}
+    shows(daemon, 15)
+    assert frames_after(far, len(far.frames))
+    assert running.end()["missed"] == 7
 
 
 def test_a_daemon_that_ends_and_comes_back_is_followed_again(
