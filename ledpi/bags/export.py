@@ -9,7 +9,7 @@ from pathlib import Path
 from ledpi.bags.bag_writer import BagWriter
 from ledpi.bags.replay import Replay, Warn
 from ledpi.core.errors import RecordingError
-from ledpi.core.files import read_bytes, read_text
+from ledpi.core.files import nothing_left, read_bytes, read_text
 from ledpi.recording.format import FRAMES_FILE, HEADER_FILE, MAX_LINES_BYTES, TRUTH_FILE
 from ledpi.recording.picture import MAX_BYTES
 
@@ -17,19 +17,22 @@ NO_CLOCK = "does not say when it was taken (wall_clock_offset_ns): the bag's tim
 
 
 def export_bag(replay: Replay, out: Path, warn: Warn) -> Iterator[None]:
-    """Writes it, and yields after each frame. Raises LedpiError."""
+    """Writes it, and yields after each frame. Raises LedpiError; where the disk is full, nothing is left of it."""
     recording = replay.recording
     lines, truth = (_lines(recording.folder / name) for name in (FRAMES_FILE, TRUTH_FILE))
     offset_ns = recording.wall_clock_offset_ns
     if offset_ns is None:
         warn(f"{recording.folder}: {NO_CLOCK}")
-    with BagWriter(
-        out,
-        camera=recording.camera,
-        dictionary=recording.dictionary,
-        panel=recording.panel,
-        header=read_text(recording.folder / HEADER_FILE, RecordingError),
-    ) as bag:
+    with (
+        nothing_left(out),
+        BagWriter(
+            out,
+            camera=recording.camera,
+            dictionary=recording.dictionary,
+            panel=recording.panel,
+            header=read_text(recording.folder / HEADER_FILE, RecordingError),
+        ) as bag,
+    ):
         for entry, frame, decoded in replay.frames(warn):
             bag.write_line(frame, lines[entry.seq], read_bytes(entry.picture, RecordingError, MAX_BYTES), offset_ns)
             bag.write_live(frame, decoded)

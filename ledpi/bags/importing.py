@@ -19,7 +19,8 @@ from ledpi.bags.names import FRAME, IMAGE, METADATA, TRUTH
 from ledpi.bags.reading import Item, Warn, messages
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
-from ledpi.core.errors import ConfigError, RecordingError
+from ledpi.core.errors import ConfigError, LedpiError, RecordingError
+from ledpi.core.files import not_written
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, Pixels
 from ledpi.recording.format import FRAMES_FILE, HEADER_FILE, TRUTH_FILE, FrameLine
 from ledpi.recording.writer import RecordingWriter
@@ -76,7 +77,7 @@ def _begin(out: Path, words: dict[str, str], path: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RecordingError(f"{out}: cannot be written: {error.strerror}") from None
+        raise not_written(out, error, RecordingError) from None
     for name, text in words.items():
         _put(out / name, text.encode())
 
@@ -123,8 +124,8 @@ class _File:
         except OSError as error:
             raise self._failure(error) from None
 
-    def _failure(self, error: OSError) -> RecordingError:
-        return RecordingError(f"{self._path}: cannot be written: {error.strerror}")
+    def _failure(self, error: OSError) -> LedpiError:
+        return not_written(self._path, error, RecordingError)
 
 
 # ---- Any other bag, or a video

@@ -18,6 +18,7 @@ from typing_extensions import Self
 
 from ledpi import __version__
 from ledpi.core.errors import RecordingError
+from ledpi.core.files import not_written
 from ledpi.ros.contents import Message
 from ledpi.ros.types import definition, to_cdr
 
@@ -89,7 +90,7 @@ class McapWriter:
         try:
             yield
         except OSError as error:
-            raise RecordingError(f"{self._path}: cannot be written: {error.strerror}") from None
+            raise not_written(self._path, error, RecordingError) from None
 
     @contextmanager
     def _closing(self) -> Iterator[None]:

@@ -15,6 +15,7 @@ from typing import BinaryIO
 from ledpi.bags.replay import Replay, Warn
 from ledpi.bridge.wpilib_values import SCHEMAS, frame_values
 from ledpi.core.errors import RecordingError
+from ledpi.core.files import not_written, nothing_left
 from ledpi.tap.messages import Shown
 from ledpi.tap.messages import decoded as decoded_line
 
@@ -45,7 +46,7 @@ class WpilogWriter:
 def export_wpilog(replay: Replay, out: Path, warn: Warn) -> Iterator[None]:
     """Writes it, and yields after each frame. Raises LedpiError."""
     recording = replay.recording
-    with _new_file(out) as file:
+    with nothing_left(out), _new_file(out) as file:
         log = WpilogWriter(file)
         for count, (_, frame, decoded) in enumerate(replay.frames(warn)):
             shown = Shown(decoded.seq, frame, decoded, done_ns=0, rows=recording.camera.height)
@@ -66,7 +67,7 @@ def _new_file(path: Path) -> Iterator[BinaryIO]:
     except FileExistsError:
         raise RecordingError(f"{path}: is there already; give a new name") from None
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {error.strerror}") from None
+        raise not_written(path, error, RecordingError) from None
 
 
 def _begin(log: WpilogWriter, at_us: int, offset_ns: int | None) -> None:

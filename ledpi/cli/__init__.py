@@ -22,6 +22,7 @@ import typer
 
 from ledpi import __version__
 from ledpi.core.errors import LedpiError, TransientError
+from ledpi.core.files import FULL, MAKE_ROOM
 from ledpi.core.wording import one_line
 
 # What the option parser raises; typer has it from click, or from a copy of click's that it brings along.
@@ -77,7 +78,9 @@ def main(loaded: Callable[[], None] = lambda: None) -> None:
     except OSError as error:  # a name that is too long, or a full disk behind `> file`
         # Of all that has no name only the working directory can be missing.
         nameless = "the working directory" if isinstance(error, FileNotFoundError) else "standard output"
-        _end(f"{error.filename or nameless}: {error.strerror or error}", 2)
+        full = FULL.get(error.errno or 0)
+        said = error.strerror or error if full is None else f"{full}; {MAKE_ROOM}"
+        _end(f"{error.filename or nameless}: {said}", 2 if full is None else 1)
     except _CommandLineError as error:
         _end_usage(error)
     except KeyboardInterrupt:  # before a command has begun; typer sees to the later ones

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ledpi.core.errors import ConfigError, RecordingError
-from ledpi.core.files import put_in_place, write_beside
+from ledpi.core.files import not_written, put_in_place, write_beside
 
 if TYPE_CHECKING:
     from ledpi.core.records import Pixels
@@ -35,4 +35,4 @@ def write_drawn(path: Path, drawn: Pixels, option: str) -> None:
         if fresh is not None:
             with contextlib.suppress(OSError):
                 fresh.unlink()
-        raise RecordingError(f"{option} {path}: cannot be written: {error.strerror}") from None
+        raise not_written(path, error, RecordingError, f"{option} {path}") from None

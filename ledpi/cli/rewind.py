@@ -27,6 +27,7 @@ def rewind(
     Example: ledpi rewind takes/what-was-that
     """
     from ledpi.core.errors import RecordingError
+    from ledpi.core.files import not_written
     from ledpi.tap.client import connect
 
     if out is not None:
@@ -40,10 +41,8 @@ def rewind(
     try:
         _copy(saved, out)
     except OSError as error:
-        why = error.strerror or error
-        raise RecordingError(
-            f"{out}: the recording was saved as {saved}, but cannot be copied: {error.filename}: {why}"
-        ) from None
+        what = f"the recording was saved as {saved}, but cannot be copied: {error.filename}"
+        raise not_written(out, error, RecordingError, what=what) from None
     typer.echo(out)
 
 

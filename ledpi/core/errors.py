@@ -52,8 +52,16 @@ class TapError(LedpiError):
     """The tap of a running daemon is not there, or refuses what was asked of it."""
 
 
+class TapAgainError(TapError, TransientError):
+    """The daemon could not do what was asked of it now, as its disk is full; it may the next time."""
+
+
 class CalibrationError(LedpiError):
     """Calibration input is missing or cannot give a rational result, or a calibration file is broken."""
+
+
+class DiskFullError(RecordingError, CalibrationError, ConfigError, TransientError):
+    """No room for a file, of whatever kind: who expects that it cannot be written hears of it by the usual error."""
 
 
 class InstallationError(LedpiError):

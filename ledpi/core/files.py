@@ -11,18 +11,22 @@ import os
 import re
 import secrets
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from ledpi.core.errors import LedpiError
+from ledpi.core.errors import DiskFullError, LedpiError
 from ledpi.core.wording import shortened_name
 
 # Of what a person writes, or a calibration: a map of a thousand panels takes 170 kB. YAML needs 400 times its size.
 MAX_TEXT_BYTES = 256 * 1024
 MAX_DEPTH = 32  # of lists and mappings in each other
 MAX_QUOTED = 200  # characters of PyYAML's own words, which may repeat a value
+FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "this user's share of the disk is used up"}
+MAKE_ROOM = "make room on it, or write to another one"
 
 
 class _RepeatedKeyError(Exception):
@@ -127,6 +131,40 @@ def sync_folder(folder: Path) -> None:
             raise
     finally:
         os.close(descriptor)
+
+
+def not_written(
+    path: Path, error: OSError, kind: type[LedpiError], where: str | None = None, what: str = "cannot be written"
+) -> LedpiError:
+    """The error of a file that could not be written: a DiskFullError, with what would help, or one of `kind`.
+
+    `where`: what the message begins with, if not with `path`.
+    """
+    full = FULL.get(error.errno or 0)
+    if full is None:
+        return kind(f"{where or path}: {what}: {error.strerror or error}")
+    return DiskFullError(f"{where or path}: {what}: {full}{_left(path)}; {MAKE_ROOM}")
+
+
+@contextmanager
+def nothing_left(path: Path) -> Iterator[None]:
+    """Removes a new file for which there was no room: where there is some, the same may be done again."""
+    try:
+        yield
+    except DiskFullError:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def _left(path: Path) -> str:
+    """What the disk of a file has left, where it can be asked. A disk may have room, and names for no further file."""
+    there = next((folder for folder in (path, *path.absolute().parents) if folder.exists()), path)
+    try:
+        status = os.statvfs(there)
+    except OSError:
+        return ""
+    names = " and names for no further file" if status.f_files and not status.f_favail else ""
+    return f" ({status.f_bavail * status.f_frsize / 1e6:.1f} MB free{names})"
 
 
 def read_text(path: Path, error: type[LedpiError], at_most: int = MAX_TEXT_BYTES) -> str:

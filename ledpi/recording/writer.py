@@ -18,7 +18,7 @@ import yaml
 from typing_extensions import Self
 
 from ledpi.core.errors import RecordingError
-from ledpi.core.files import put_in_place, write_beside
+from ledpi.core.files import not_written, put_in_place, write_beside
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, Pixels
 from ledpi.markers.dictionaries import is_file
 from ledpi.recording.format import (
@@ -150,7 +150,7 @@ def _writing(path: Path) -> Iterator[Path]:
     try:
         yield path
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {error.strerror}") from None
+        raise not_written(path, error, RecordingError) from None
 
 
 def header_of(camera: CameraInfo, dictionary: str, panel: PanelSpec) -> Header:

@@ -15,7 +15,7 @@ from ledpi.core.errors import RecordingError
 from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.reporting import event
 from ledpi.runtime.rewind_ring import RewindRing
-from ledpi.runtime.takes import Shown, make_room, new_take, said_of, write_take
+from ledpi.runtime.takes import Shown, failure_of, make_room, new_take, said_of, write_take
 
 MAX_WAITING = 4
 JOIN_S = 0.4
@@ -73,7 +73,7 @@ class RewindWriter:
             except Exception as error:  # whatever it is, the daemon goes on, and who asked hears of it
                 said = said_of(error)
                 _log.error(event("rewind_failed", cause=job.cause, reason=said))
-                job.path.set_exception(RecordingError(f"rewind: {said}"))
+                job.path.set_exception(failure_of(error, f"rewind: {said}"))
             else:
                 _log.info(event("rewind_saved", cause=job.cause, frames=len(job.kept), path=path))
                 job.path.set_result(path)

@@ -14,7 +14,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
 
-from ledpi.core.errors import LedpiError, RecordingError
+from ledpi.core.errors import DiskFullError, LedpiError, RecordingError
+from ledpi.core.files import FULL, not_written
 from ledpi.core.records import CameraInfo, PanelSpec
 from ledpi.runtime.frame_buffers import FrameBuffers, KeptFrame
 from ledpi.runtime.take_writer import PART, TakeWriter
@@ -84,7 +85,7 @@ def write_take(
         except (LedpiError, OSError) as error:
             part = take.path.with_name(take.path.name + PART)
             there = f"; {take.written} frames are in {part}" if take.written else ""
-            raise RecordingError(f"{said_of(error)}{there}") from None
+            raise failure_of(error, f"{said_of(error)}{there}") from None
         if take.written == 0:
             raise RecordingError("no frame was decoded meanwhile, and nothing is written")
     return take
@@ -94,9 +95,17 @@ def said_of(error: Exception) -> str:
     """In one line, also of the system's errors and of those that nobody has foreseen."""
     if isinstance(error, LedpiError):
         return str(error)
+    if isinstance(error, OSError) and error.errno in FULL and error.filename:
+        return str(not_written(Path(os.fsdecode(error.filename)), error, RecordingError))
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}"
     return f"{type(error).__name__}: {error}"
+
+
+def failure_of(error: Exception, said: str) -> RecordingError:
+    """`said`, which `error` has made; a full disk stays one, as it may be less full the next time."""
+    is_full = isinstance(error, DiskFullError) or (isinstance(error, OSError) and error.errno in FULL)
+    return DiskFullError(said) if is_full else RecordingError(said)
 
 
 @contextmanager
@@ -133,7 +142,8 @@ def check_room(folder: Path, wanted_bytes: int = 0) -> None:
     status = os.statvfs(folder)
     free, wanted = status.f_bavail * status.f_frsize, wanted_bytes + MIN_FREE_BYTES
     if free < wanted:
-        raise RecordingError(f"{folder}: the disk has {free / 1e6:.0f} MB left; {wanted / 1e6:.0f} MB are needed")
+        said = f"the disk has {free / 1e6:.0f} MB left; {wanted / 1e6:.0f} MB are needed: make room on it"
+        raise DiskFullError(f"{folder}: {said}")
 
 
 def _new_path(folder: Path, cause: str) -> Path:

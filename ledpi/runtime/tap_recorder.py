@@ -18,7 +18,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.record_queue import MAX_BYTES, RecordQueue
 from ledpi.runtime.reporting import event
-from ledpi.runtime.takes import Shown, make_room, new_take, said_of, takes_folder, write_take
+from ledpi.runtime.takes import Shown, failure_of, make_room, new_take, said_of, takes_folder, write_take
 from ledpi.tap.protocol import MAX_SECONDS, Request
 
 RECORDED = "recorded"  # in the name
@@ -60,7 +60,7 @@ class TapRecorder:
         try:
             answer = self._write(running.queue, request.seconds or MAX_SECONDS)
         except Exception as error:  # whatever it is, whoever asked must hear of it
-            failure = RecordingError(said_of(error))
+            failure = failure_of(error, said_of(error))
             _log.error(event("record_failed", reason=failure))
             self._running = None
             running.result.set_exception(failure)
@@ -101,7 +101,7 @@ class TapRecorder:
         try:
             make_room(self._folder, RECORDED, MAX_BYTES)
         except OSError as error:
-            raise RecordingError(said_of(error)) from None
+            raise failure_of(error, said_of(error)) from None
         made = _Recording(self._shown.camera.height, self._shown.camera.width)
         with self._changing:
             if self._ends.is_set():

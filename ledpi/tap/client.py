@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.core.errors import TapError
+from ledpi.core.errors import TapAgainError, TapError
 from ledpi.tap.places import AUTO, GROUP, to_look
 from ledpi.tap.protocol import VERSION, read_line
 
@@ -99,7 +99,8 @@ class Client:
         try:
             while (line := self._read(until_s)) is not None:
                 if line["type"] == "error" and line.get("id") in (request_id, None):
-                    raise TapError(f"{self.path}: {line.get('error')}")
+                    kind = TapAgainError if line.get("again") is True else TapError
+                    raise kind(f"{self.path}: {line.get('error')}")
                 if line.get("id") == request_id:
                     return line
                 if time.monotonic() > until_s:

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, TypeAlias
 
-from ledpi.core.errors import LedpiError
+from ledpi.core.errors import LedpiError, TransientError
 from ledpi.core.wording import one_line
 from ledpi.tap.follower import Follower
 from ledpi.tap.protocol import NAMED, Do, Request, error
@@ -88,7 +88,8 @@ class Commands:
         try:
             answer = {"type": "done", "id": request.id, **command(request)}
         except (LedpiError, OSError) as failure:
-            answer = error(f"{request.do}: {one_line(str(failure))}", request.id)
+            again = isinstance(failure, TransientError)
+            answer = error(f"{request.do}: {one_line(str(failure))}", request.id, again=again)
         except Exception as failure:  # whatever it is, the one who asked must hear of it
             answer = error(f"{request.do}: {type(failure).__name__}: {one_line(str(failure))}", request.id)
         self._running.discard(request.do)

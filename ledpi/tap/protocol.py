@@ -111,9 +111,9 @@ def _offset(value: object, request_id: RequestId) -> int:
     raise RequestError("offset: must be a whole number from 0 on", request_id)
 
 
-def error(text: str, request_id: RequestId = None) -> dict[str, Any]:
-    """The answer to what cannot be done."""
-    return {"type": "error", "id": request_id, "error": text}
+def error(text: str, request_id: RequestId = None, *, again: bool = False) -> dict[str, Any]:
+    """The answer to what cannot be done. `again`: it may be possible later, though nobody asks otherwise."""
+    return {"type": "error", "id": request_id, "error": text} | ({"again": True} if again else {})
 
 
 def write_line(values: dict[str, Any]) -> bytes:

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from ledpi.core.errors import RecordingError, TapError
+from ledpi.core.errors import DiskFullError, RecordingError, TapError
 from ledpi.recording.reader import load_recording
 from ledpi.runtime import takes as takes_module
 from ledpi.runtime.take_writer import LIVE_FILE
@@ -29,6 +29,7 @@ from tests.builders.tap import at, reach, wait_until
 
 LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 OFF = "rewind.seconds=0"
+NO_ROOM = r"the disk has \d+ MB left; \d+ MB are needed: make room on it"
 
 
 @pytest.fixture
@@ -234,9 +235,9 @@ def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.Monkey
                 wait_until(lambda: len(list(takes.glob("*-recorded.part/frames/*.png"))) == 5)
                 monkeypatch.setattr(takes_module, "MIN_FREE_BYTES", 10**18)
             recorder.keep(frame, decoded, 150_000)
-        with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed; 5 frames are in /"):
+        with pytest.raises(DiskFullError, match=rf"{NO_ROOM}; 5 frames are in /"):
             running.result(DEADLINE_S)
-    with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed$"):
+    with pytest.raises(DiskFullError, match=f"{NO_ROOM}$"):
         recorder.record(Request(do="record", seconds=600.0))
     (part,) = recorded(takes)
     assert len(load_recording(part).frames) == 5

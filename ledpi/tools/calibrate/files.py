@@ -7,8 +7,8 @@ import errno
 import os
 from pathlib import Path
 
-from ledpi.core.errors import CalibrationError
-from ledpi.core.files import put_in_place, read_bytes, sync_folder, write_beside
+from ledpi.core.errors import CalibrationError, LedpiError
+from ledpi.core.files import not_written, put_in_place, read_bytes, sync_folder, write_beside
 
 PICTURE_SUFFIX = ".png"
 MAX_KEPT_BYTES = 64 * 1024 * 1024  # of an older file that is copied: a picture
@@ -70,8 +70,8 @@ def _check_is_file(path: Path) -> None:
         raise CalibrationError(f"{path}: is {what}; must be the file to write")
 
 
-def _refused(path: Path, error: OSError) -> CalibrationError:
-    return CalibrationError(f"{path}: cannot be written: {error.strerror}")
+def _refused(path: Path, error: OSError) -> LedpiError:
+    return not_written(path, error, CalibrationError)
 
 
 def _forget(fresh: Path) -> None:

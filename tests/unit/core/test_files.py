@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from ledpi.core.errors import CalibrationError, ConfigError
-from ledpi.core.files import read_bytes, read_text, read_yaml, write_beside
+from ledpi.core.errors import CalibrationError, ConfigError, DiskFullError
+from ledpi.core.files import not_written, read_bytes, read_text, read_yaml, write_beside
 
 _opened: list[str] = []
 sys.addaudithook(lambda event, args: _opened.append(str(args[0])) if event == "open" else None)  # stays for good
@@ -140,3 +143,22 @@ def test_each_kind_of_file_has_its_own_error(tmp_path: Path) -> None:
     for name, said in (("none.txt", "No such file"), ("", "Is a directory"), ("latin.txt", "byte 3 is not UTF-8")):
         with pytest.raises(CalibrationError, match=said):
             read_text(tmp_path / name, CalibrationError)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_says_what_it_has_left(tmp_path: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the folder where the file was to be, as far as there is one; and where only names for files are left out."""
+    full = OSError(number, os.strerror(number))
+    said = not_written(tmp_path / "no/such/file", full, ConfigError)
+    assert isinstance(said, DiskFullError)
+    assert re.search(r"file: cannot be written: .* \(\d+\.\d MB free\); make room on it, or", str(said))
+    without = SimpleNamespace(f_bavail=3, f_frsize=10**6, f_files=9, f_favail=0)
+    monkeypatch.setattr(os, "statvfs", lambda _: without)
+    assert "(3.0 MB free and names for no further file)" in str(not_written(tmp_path, full, ConfigError))
+
+
+def test_another_refusal_is_not_a_full_disk(tmp_path: Path) -> None:
+    """It does not pass by itself."""
+    said = not_written(tmp_path, PermissionError(errno.EACCES, "Permission denied"), CalibrationError)
+    assert type(said) is CalibrationError
+    assert str(said) == f"{tmp_path}: cannot be written: Permission denied"

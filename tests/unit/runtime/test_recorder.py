@@ -181,7 +181,7 @@ def test_a_full_disk_leaves_a_recording(tmp_path: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(Path, "write_bytes", until_full)
     one = recorder(tmp_path / "take", Steps(*range(500)))
-    with pytest.raises(RecordingError, match=r"000007.png: cannot be written: No space left on device"):
+    with pytest.raises(RecordingError, match=r"000007.png: cannot be written: the disk is full \("):
         one.run()
     assert [entry.seq for entry in load_recording(tmp_path / "take").frames] == list(range(7))
 

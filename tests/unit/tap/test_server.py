@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from ledpi.config.panels import PanelOverride, PanelSettings
-from ledpi.core.errors import ConfigError, TapError
+from ledpi.core.errors import ConfigError, DiskFullError, TapAgainError, TapError
 from ledpi.pipeline.trace import Trace
 from ledpi.pose.panel_map import MapPanel
 from ledpi.tap.client import connect
@@ -418,6 +418,17 @@ def test_a_command_that_fails_says_so(tap: Tap, failure: Exception, said: str) -
         with pytest.raises(TapError, match=said):
             client.ask("save")
         assert client.ask("config")
+
+
+def test_a_command_that_may_succeed_later_says_so(tap: Tap) -> None:
+    """As where the disk is full; the client's program then ends with status 1."""
+
+    def fail(request: object) -> dict[str, str]:
+        raise DiskFullError("no room")
+
+    tap.offer("save", fail)
+    with connect(tap.path) as client, pytest.raises(TapAgainError, match="no room"):
+        client.ask("save")
 
 
 @pytest.mark.parametrize(
