@@ -22,6 +22,7 @@ from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
 from ledpi.core.files import not_written
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, Pixels
+from ledpi.core.wording import shortened_name
 from ledpi.recording.format import FRAMES_FILE, HEADER_FILE, TRUTH_FILE, FrameLine
 from ledpi.recording.writer import RecordingWriter
 from ledpi.ros.contents import CAMERA_INFO, COMPRESSED_IMAGE
@@ -36,7 +37,7 @@ def import_bag(config: Config, path: Path, out: Path, topic: str | None, warn: W
     items = messages(path, warn)
     first = next(items, None)
     if first is None:
-        raise RecordingError(f"{path}: is empty")
+        raise RecordingError(f"{path}: is empty: it holds no message")
     if first.topic == METADATA and not first.type:
         yield from _restore(first.read(), items, path, out)
     else:
@@ -144,6 +145,7 @@ def _pictures(items: Iterator[Item], path: Path, topic: str | None) -> Iterator[
     """Yields those of one topic. The lens is the last that was told before the first picture."""
     seen: set[str] = set()
     lens: Intrinsics | None = None
+    last_ns: int | None = None
     for item in items:
         if item.type == CAMERA_INFO:
             lens = _lens(item.read()) or lens
@@ -153,13 +155,22 @@ def _pictures(items: Iterator[Item], path: Path, topic: str | None) -> Iterator[
         if topic is None and len(seen) > 1:
             raise RecordingError(f"{path}: has pictures on several topics; --topic {' or '.join(sorted(seen))}")
         if topic is None or item.topic == topic:
-            message = item.read()
-            stamp = message.header.stamp
-            pixels = _pixels(message, f"{path}: {item.topic}")
-            yield Picture(pixels=pixels, time_ns=stamp.sec * 1_000_000_000 + stamp.nanosec, lens=lens)
+            picture = _picture(item.read(), lens, f"{path}: {item.topic}")
+            if last_ns is not None and picture.time_ns <= last_ns:
+                raise RecordingError(
+                    f"{path}: {item.topic}: header stamps must increase from picture to picture, and {picture.time_ns} "
+                    f"ns follows {last_ns} ns: bag the topic of a driver that stamps each exposure"
+                )
+            last_ns = picture.time_ns
+            yield picture
     if topic is not None and topic not in seen:
         there = ", ".join(sorted(seen)) or "no pictures"
         raise RecordingError(f"{path}: has no pictures on {topic}; it has: {there}")
+
+
+def _picture(message: Any, lens: Intrinsics | None, where: str) -> Picture:
+    stamp = message.header.stamp
+    return Picture(pixels=_pixels(message, where), time_ns=stamp.sec * 1_000_000_000 + stamp.nanosec, lens=lens)
 
 
 def _pixels(message: Any, where: str) -> Pixels:
@@ -171,8 +182,8 @@ def _pixels(message: Any, where: str) -> Pixels:
             raise _not_grey(where, f"{picture.shape} {picture.dtype}")
         return np.asarray(picture, np.uint8)
     if message.encoding not in GREY:
-        raise _not_grey(where, message.encoding)
-    if message.data.size != message.height * message.step or message.step < message.width:
+        raise _not_grey(where, shortened_name(message.encoding) or "of no encoding")
+    if not message.data.size or message.data.size != message.height * message.step or message.step < message.width:
         raise RecordingError(f"{where}: holds a picture whose size is not as it says")
     return np.ascontiguousarray(message.data.reshape(message.height, message.step)[:, : message.width])
 
@@ -209,7 +220,7 @@ def _of_video(path: Path) -> Iterator[Picture]:
         raise RecordingError(f"{path}: no such file")
     video = cv2.VideoCapture(str(path))
     if not video.isOpened():
-        raise RecordingError(f"{path}: cannot be read as a video")
+        raise RecordingError(f"{path}: cannot be read as a video; is it whole? One that was cut off has no index")
     last_ns, period_ns = -1, round(1e9 / (video.get(cv2.CAP_PROP_FPS) or 30.0))
     try:
         while True:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from mcap.exceptions import McapError
 from mcap.records import Channel, McapRecord, Metadata, Schema
 from mcap.records import Message as Record
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import CRCValidationError, StreamReader
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -46,7 +46,7 @@ def _of_mcap(path: Path, warn: Warn) -> Iterator[Item]:
     types = _Types(path)
     with path.open("rb") as file:
         try:
-            for record in _Records(file, record_size_limit=MAX_RECORD_BYTES).records:
+            for record in _Records(file, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES).records:
                 if isinstance(record, Schema):
                     schemas[record.id] = record
                 elif isinstance(record, Channel):
@@ -58,9 +58,11 @@ def _of_mcap(path: Path, warn: Warn) -> Iterator[Item]:
                     schema = schemas.get(channel.schema_id)
                     if schema is not None and channel.message_encoding == "cdr":
                         yield Item(channel.topic, _full(schema.name), types.reader(schema, record.data))
+        except CRCValidationError:
+            warn(f"{path}: is damaged (a checksum is wrong); what stands before that is read: copy the bag once more")
         except (McapError, EOFError, ValueError, struct.error) as error:
             if not channels:
-                raise RecordingError(f"{path}: is no MCAP file ({error or type(error).__name__})") from None
+                raise RecordingError(f"{path}: is no MCAP file ({str(error) or 'it ends at once'})") from None
             warn(f"{path}: is cut off; what stands before that is read")
 
 
@@ -102,6 +104,8 @@ def _of_any(path: Path) -> Iterator[Item]:
                 yield Item(connection.topic, kind, lambda d=data, k=kind: reader.deserialize(d, k))  # type: ignore[misc]
     except (AnyReaderError, OSError, ValueError, KeyError) as error:
         wanted = "must be an .mcap file, a ROS 2 bag's folder or a ROS 1 .bag"
+        if path.suffix == ".bag":
+            wanted += "; of one that was cut off `rosbag reindex` makes the index anew"
         raise RecordingError(f"{path}: is no bag that can be read ({error}); {wanted}") from None
 
 

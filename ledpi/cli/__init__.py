@@ -15,6 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 # What is wrong with a picture is said by ledpi, in one line.
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's AV_LOG_QUIET
 # It decodes no picture that is larger: of any format, and before it asks for the memory.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "25000000")  # the square of config.values.MAX_SIDE_PX
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from ledpi.cli import app
+from ledpi.core.wording import counted
 
 VIDEOS = {".mp4", ".mkv", ".avi", ".mov", ".webm"}
 
@@ -42,4 +43,4 @@ def import_(
     count = 0
     for count in frames:  # noqa: B007, the last one is told
         pass
-    typer.echo(f"{out}: {count} frames")
+    typer.echo(f"{out}: {counted(count, 'frame')}")
