@@ -30,6 +30,16 @@ REFUSED = {  # MQTT 3.1.1's return codes of CONNACK that a person has to see to
     4: "refuses the user or the password; see user and password_file",
     5: "does not let this user in; see user and password_file, and the broker's own lists",
 }
+LATER = {  # those that may pass
+    2: "refuses our identifier; look at its log",
+    3: "is not available now; look at its log",
+}
+CODES = {  # as paho names them of either version
+    "Client identifier not valid": 2,
+    "Server unavailable": 3,
+    "Bad user name or password": 4,
+    "Not authorized": 5,
+}
 GONE = "gone"  # the state that the broker tells if we end without a word
 
 
@@ -110,8 +120,7 @@ class MqttTarget:
         return client
 
     def _hear_welcome(self, client: paho.Client, data: object, flags: object, reason: Any, more: object) -> None:
-        codes = {"Bad user name or password": 4, "Not authorized": 5}  # as paho names them of either version
-        self._refused = codes.get(str(reason), -1) if reason.is_failure else 0
+        self._refused = CODES.get(str(reason), -1) if reason.is_failure else 0
 
     def _hear_acknowledgement(
         self, client: paho.Client, data: object, number: int, reason: object, more: object
@@ -124,11 +133,18 @@ class MqttTarget:
         while self._refused is None and time.monotonic() < until_s:
             if client.loop(timeout=0.05) not in (paho.MQTT_ERR_SUCCESS, paho.MQTT_ERR_CONN_REFUSED):
                 break
+        else:
+            if self._refused is None:
+                raise TargetLostError(
+                    f"{self._where}: takes the connection and says nothing; is a broker at this port?"
+                )
         code = -1 if self._refused is None else self._refused
         if code in REFUSED:
             raise BridgeError(f"{self._where}: the broker {REFUSED[code]}")
+        if code in LATER:
+            raise TargetLostError(f"{self._where}: the broker {LATER[code]}")
         if code != 0:
-            raise TargetLostError(f"{self._where}: takes the connection, and is no broker that lets us in")
+            raise TargetLostError(f"{self._where}: answers as no broker does; is the port right for {self._way}?")
 
     def _has_room(self) -> bool:
         self.tick()

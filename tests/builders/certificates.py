@@ -16,7 +16,9 @@ def _openssl(*words: str, folder: Path) -> None:
 
 
 def certificates(folder: Path) -> None:
-    """Makes an authority, ca.pem, and two server's certificates that it has signed: broker.pem, and ended.pem."""
+    """Makes an authority, ca.pem, and three server's certificates that it has signed: broker.pem, ended.pem, and
+    other.pem, which is of another name; and self.pem, which has signed itself.
+    """
     new = ("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
     # Python 3.13 and newer ask for an authority's use, and for the name of its key.
     authority = ("-x509", "-days", "30", "-subj", "/CN=ca", "-addext", "keyUsage=critical,keyCertSign")
@@ -27,3 +29,7 @@ def certificates(folder: Path) -> None:
     sign = ("x509", "-req", "-in", "broker.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial")
     _openssl(*sign, "-extfile", "san", "-days", "30", "-out", "broker.pem", folder=folder)
     _openssl(*sign, "-extfile", "san", "-days", "-1", "-out", "ended.pem", folder=folder)
+    (folder / "other").write_text(extensions.replace("localhost", "other.lan").replace("127.0.0.1", "192.0.2.1"))
+    _openssl(*sign, "-extfile", "other", "-days", "30", "-out", "other.pem", folder=folder)
+    alone = ("req", "-x509", "-key", "broker.key", "-subj", "/CN=localhost", "-days", "30")
+    _openssl(*alone, "-addext", "subjectAltName=DNS:localhost", "-out", "self.pem", folder=folder)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
+import socket
 import subprocess
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +128,79 @@ def test_a_port_without_tls_is_told_of(daemon: MadeUpDaemon, folder: Path) -> No
             wait_until(lambda: "closes the connection; is the port right for tls: true?" in running.log)
     finally:
         far.close()
+
+
+def test_a_name_that_is_not_in_the_certificate_ends_it(folder: Path) -> None:
+    """It is said which name was asked for."""
+    far = Secure(folder, "other.pem")
+    far._subscriber = object()
+    far.start()
+    try:
+        said = refusal(far.settings, folder)
+    finally:
+        far.vanish()
+    assert "is not valid for 'localhost'" in said
+    assert said.endswith("renew it, or see host and ca_file")
+
+
+def test_a_certificate_that_signs_itself_ends_it_until_it_is_the_ca_file(daemon: MadeUpDaemon, folder: Path) -> None:
+    """As a small broker has it."""
+    far = Secure(folder, "self.pem")
+    far._subscriber = object()
+    far.start()
+    try:
+        assert "its certificate is not accepted (self" in refusal(far.settings, folder)
+        trusting = far.settings | {"ca_file": f"{folder}/self.pem"}
+        with bridge(trusting, folder / "tap.sock", folder) as running:
+            wait_until(lambda: "target_open" in running.log)
+    finally:
+        far.vanish()
+
+
+HTTP = b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n"
+ANSWERS = {
+    "HTTP": (HTTP, "answers as no broker does; is the port right for tls: false?"),
+    "garbage": (bytes(range(256)), "answers as no broker does; is the port right for tls: false?"),
+    "nothing": (None, "takes the connection and says nothing; is a broker at this port?"),
+    "unavailable": (b"\x20\x02\x00\x03", "the broker is not available now; look at its log"),
+}
+
+
+@pytest.mark.parametrize("what", ANSWERS)
+def test_who_is_no_broker_is_told_of_and_tried_again(what: str, folder: Path) -> None:
+    """Each as what it is, in one line; it may be that the right one is started later."""
+    answer, said = ANSWERS[what]
+    with answering(answer) as port:
+        values = {"kind": "mqtt", "host": "127.0.0.1", "port": port}
+        with bridge(values, folder / "tap.sock", folder) as running:
+            wait_until(lambda: said in running.log)
+            wait_until(lambda: running.process.poll() is None)
+            assert running.log.count("target_lost") == 1
+
+
+@contextmanager
+def answering(data: bytes | None) -> Iterator[int]:
+    """A port that answers each connection's first words with these, and closes it; or with nothing, and keeps it."""
+    taken: list[socket.socket] = []
+
+    def serve() -> None:
+        with suppress(OSError):
+            while True:
+                connection, _ = listener.accept()
+                taken.append(connection)
+                if data is not None:
+                    connection.recv(4096)
+                    connection.sendall(data)
+                    connection.close()
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield int(listener.getsockname()[1])
+        listener.shutdown(socket.SHUT_RDWR)
+        thread.join()
+    for connection in taken:
+        connection.close()
 
 
 def test_a_wrong_host_is_tried_again_and_told_once(daemon: MadeUpDaemon, folder: Path) -> None:
