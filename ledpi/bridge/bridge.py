@@ -11,6 +11,7 @@ import logging
 import threading
 import time
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from ledpi.bridge.mailbox import Mail, Mailbox
 from ledpi.bridge.target import BridgeError, Line, Target, TargetLostError
@@ -42,7 +43,11 @@ class Counters:
 class Bridge:
     """Runs until `stop`, which any thread or signal handler may call."""
 
-    def __init__(self, name: str, target: Target, socket_path: str, max_age_ms: float) -> None:
+    def __init__(
+        self, name: str, target: Target, socket_path: str, max_age_ms: float, only_of: Path | None = None
+    ) -> None:
+        """`only_of`: the configuration whose daemon it must be, where the socket may be another's."""
+        self._only_of = only_of
         self.counters = Counters()
         self._name, self._target, self._socket_path = name, target, socket_path
         self._max_age_ns = round(max_age_ms * 1e6)
@@ -86,10 +91,25 @@ class Bridge:
                 time.sleep(RETRY_DAEMON_S)
                 continue
             dropped = 0  # by this daemon's tap, for us
+            is_other = False
             for line in tap.lines(reconnect=True):
+                if line["type"] == "hello":
+                    is_other = self._is_others(line)
+                if is_other:
+                    self._mailbox.put(Mail(state="no_daemon"))
+                    continue
                 newly, dropped = line.get("dropped", dropped) - dropped, line.get("dropped", dropped)
                 self.counters.missed += max(0, newly)  # another daemon begins at 0
                 self._mailbox.put(_mail_of(line))
+
+    def _is_others(self, hello: Line) -> bool:
+        """Tells whether the daemon has another configuration: its poses are another camera's."""
+        path = hello.get("config_path")
+        if self._only_of is None or path is None or _same(Path(path), self._only_of):
+            return False
+        said = f"{self._socket_path} is of the daemon with {path}, not {self._only_of}; give each a tap.socket"
+        _log.warning(event("other_daemon", output=self._name, error=said, then="nothing of it is sent"))
+        return True
 
     def _serve(self, mail: Mail) -> None:
         self._setup = mail.setup or self._setup
@@ -165,6 +185,10 @@ class Bridge:
 
     def _report(self) -> None:
         _log.info(event("bridge", output=self._name, **asdict(self.counters)))
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve()
 
 
 def _mail_of(line: Line) -> Mail:

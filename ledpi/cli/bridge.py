@@ -31,6 +31,7 @@ def bridge(
     from ledpi.core.errors import ConfigError
     from ledpi.runtime.reporting import log_to_standard_error
     from ledpi.tap.of_config import of_config
+    from ledpi.tap.places import AUTO
 
     log_to_standard_error()
     settings = load_config(find_config(config), tuple(set_), without_file=("panels.side_m=1",))
@@ -41,7 +42,8 @@ def bridge(
         known = ", ".join(settings.outputs) or "none"
         raise ConfigError(f"outputs.{name}: is not in the configuration; it has: {known}")
     target = open_target(name, settings.outputs[name])
-    running = Bridge(name, target, socket_path, settings.serial.max_age_ms)
+    only_of = settings.file if settings.tap.socket == AUTO else None  # else it was chosen
+    running = Bridge(name, target, socket_path, settings.serial.max_age_ms, only_of)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: running.stop())
     running.run()

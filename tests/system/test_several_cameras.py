@@ -24,7 +24,7 @@ from ledpi.tap.client import connect
 from ledpi.tap.of_config import of_config
 from tests.builders import ROOT
 from tests.builders.bridges import LEDPI, free_port
-from tests.builders.daemon import DEADLINE_S, SIMULATED, daemon
+from tests.builders.daemon import COMMAND, DEADLINE_S, SIMULATED, SIMULATED_YAML, daemon, wait_for_log
 from tests.builders.systemd import assert_closed_in, needs_systemd, said_of
 from tests.builders.tap import reach, wait_until
 from tests.system.test_install import FUNCTIONS
@@ -82,6 +82,34 @@ def test_both_pages_are_open_at_a_time(both: dict[str, Path]) -> None:
             found = re.match(rf"open http://127.0.0.1:{port}/#token=(\S+)", page.stdout.readline())
             assert found is not None
             assert shown(port, found[1])["panels"]["side_m"] == SIDES_M[name]
+
+
+def test_a_bridge_sends_nothing_of_another_cameras_daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where two are started by hand, and the second one's tap is off: its poses would be the first one's."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    for name in NAMES:
+        outputs = "{far: {kind: stdout}}"
+        (tmp_path / f"{name}.yaml").write_text(
+            f"{SIMULATED_YAML}panels: {{side_m: 0.16}}\nserial: {{port: null}}\noutputs: {outputs}\n", encoding="utf-8"
+        )
+    run = [*COMMAND, "--config", str(tmp_path / "front.yaml")]
+    with daemon(command=run, deadline_s=3 * DEADLINE_S) as front:
+        wait_for_log(front, "tap=")
+        told = {}
+        for name, sign in (("front", "target_open"), ("rear", "other_daemon")):
+            command = [*LEDPI, "bridge", "far", "--config", str(tmp_path / f"{name}.yaml")]
+            with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as one:
+                said = wait_for_log(one, sign)
+                assert one.stdout is not None
+                while name == "front" and json.loads(one.stdout.readline())["type"] != "decoded":
+                    pass  # there are frames to send
+                one.terminate()
+                output, log = one.communicate(timeout=DEADLINE_S)
+                told[name] = (said, log.splitlines()[-1], '"decoded"' in output)
+    assert " sent=0 " not in told["front"][1]
+    assert f"is of the daemon with {tmp_path}/front.yaml, not {tmp_path}/rear.yaml" in told["rear"][0]
+    assert " sent=0 " in told["rear"][1]
+    assert not told["rear"][2]
 
 
 def shown(port: int, token: str) -> dict[str, Any]:
