@@ -7,6 +7,7 @@ import shutil
 import socket
 import subprocess
 import threading
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -62,6 +63,34 @@ def test_the_broker_is_told_everything_and_no_secret(broker: Mqtt, daemon: MadeU
         assert states(broker)[-1] == "running"
         assert PASSWORD not in running.log
         assert not any(PASSWORD.encode() in data for _, data, _ in broker.messages)
+        for what in ("cmdline", "environ"):  # as `ps` shows them
+            assert PASSWORD.encode() not in Path(f"/proc/{running.process.pid}/{what}").read_bytes()
+
+
+@pytest.mark.parametrize("command", [("config", "show"), ("doctor",), ("backup", "robot.ledpi")])
+def test_no_command_shows_the_password(command: tuple[str, ...], broker: Mqtt, folder: Path) -> None:
+    """Nor does a backup hold it: the file that has it stays where it is."""
+    outputs = json.dumps({"far": broker.settings})
+    config, (*words, last) = folder / "config.yaml", command
+    config.write_text(f"panels: {{side_m: 0.16}}\nserial: {{port: null}}\noutputs: {outputs}\n", encoding="utf-8")
+    last = str(folder / last) if last == "robot.ledpi" else last
+    asked = [*LEDPI, *words, last, "--config", str(config)]
+    done = subprocess.run(asked, cwd=folder, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert "Traceback" not in done.stderr
+    assert len(done.stdout) > 20
+    assert PASSWORD not in done.stdout + done.stderr
+    if command[0] == "doctor":
+        assert f"localhost:{broker.port}" in done.stdout
+    elif command[0] == "backup":
+        with zipfile.ZipFile(folder / "robot.ledpi") as archive:
+            assert not any(PASSWORD.encode() in archive.read(name) for name in archive.namelist())
+
+
+def test_a_password_in_the_configuration_is_refused_and_not_quoted(folder: Path) -> None:
+    """The key is no key; its value is not shown."""
+    said = refusal({"kind": "mqtt", "host": "x", "password": PASSWORD}, folder)
+    assert "password: unknown key; did you mean password_file?" in said
+    assert PASSWORD not in said
 
 
 def test_the_last_will_says_that_a_killed_bridge_is_gone(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
