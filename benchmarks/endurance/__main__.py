@@ -13,6 +13,7 @@ PARTS = (
     Part("crowd"),
     Part("viewers"),
     Part("bridges", module="paho"),
+    Part("bridge_memory", module="paho"),
     Part("record", module="libcamera"),
 )
 
