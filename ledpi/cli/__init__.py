@@ -51,7 +51,7 @@ def _show_version(asked: bool) -> None:
 
 @app.callback()
 def _ledpi(
-    version: bool = typer.Option(False, "--version", is_eager=True, callback=_show_version, help="Show it and exit."),
+    version: bool = typer.Option(False, "--version", is_eager=True, callback=_show_version, help="Show the version."),
 ) -> None:
     """Answers what can be asked without a command."""
 

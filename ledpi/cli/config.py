@@ -20,7 +20,7 @@ _CONFIG = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledp
 
 config_app = typer.Typer(
     name="config",
-    help="Writes, shows, checks and changes config.yaml.\n\nExample: ledpi config init --set panels.side_m=0.16",
+    help="Write, show, check and change config.yaml.\n\nExample: ledpi config init --set panels.side_m=0.16",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

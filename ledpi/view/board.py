@@ -95,7 +95,7 @@ class BoardWatch:
                 self._fit(self._collection)
             missing = self._collection.missing()
             if missing is None:
-                self._said = "that is enough: take the lens, and set camera.intrinsics to it"
+                self._said = "that is enough: save camera.yaml, and set camera.intrinsics to it"
                 break
             self._said = "no board is seen: show it, whole and well lit" if blind > BLIND else missing
         self._ended.set()

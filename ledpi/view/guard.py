@@ -59,9 +59,8 @@ class Guard:
             return None
         known = ", ".join(sorted(self.names))
         called = name[:60] or "a host without a name"
-        return Refusal(
-            status=421, says=f"this is not {called}; must be {known}, or this machine's number; view.hosts adds names"
-        )
+        says = f"this is not {called}; must be {known}, or this machine's IP address; view.hosts adds names"
+        return Refusal(status=421, says=says)
 
     def _secret(self, headers: Mapping[str, str]) -> Refusal | None:
         """On this machine's own address, too: its other users are kept from the tap, and so from its pictures."""

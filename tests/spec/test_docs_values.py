@@ -103,7 +103,7 @@ def test_the_currents_of_the_panel_on_sixteen_pins() -> None:
     """Step 0 names what `ledpi panel sheet --direct` computes."""
     circuit, guide = plan_pins(3.2, 0.0075), page("docs/first-panel.md")
     assert f"| 16 | resistor, {ohm_text(circuit.resistor_ohm)} |" in guide
-    assert f"{1e3 * circuit.usual_a:.1f} mA. At the most that USB gives" in guide
+    assert f"{1e3 * circuit.usual_a:.1f} mA. The worst case is the highest voltage of USB" in guide
     assert f"| a pin | {1e3 * circuit.most_a:.1f} mA |" in guide
     for name, amperes in circuit.ports_most_a().items():
         assert f"| the ports {name} | {1e3 * amperes:.0f} mA |" in guide

@@ -398,7 +398,7 @@ def test_a_daemon_that_was_killed_and_started_again(chromium: Any, tmp_path: Pat
             answered_s = time.monotonic()
             wait_for(lambda: not chromium.find_element("id", "blank").is_displayed(), "a picture")
             assert time.monotonic() - answered_s < BACK_S * slowness()
-            wait_for(lambda: "started anew" in text(chromium, "notice"), "that it is back")
+            wait_for(lambda: "has restarted" in text(chromium, "notice"), "that it is back")
 
 
 def _answers(folder: Path) -> bool:

@@ -81,7 +81,7 @@ def _target(found: str, settings: OutputSettings) -> Finding:
     try:
         if settings.kind == "udp":
             socket.getaddrinfo(*settings.address, type=socket.SOCK_DGRAM)
-            return unknown(found, f"{where}: a known address; whether somebody listens, UDP does not tell")
+            return unknown(found, f"{where}: a known address; UDP does not tell whether somebody listens")
         with socket.create_connection(settings.address, CONNECT_S) as connection:
             if settings.tls:
                 return _certificate(found, where, connection, settings)

@@ -117,7 +117,7 @@ def rule(old: Path = OLD_RULE) -> Finding | None:
     new = old.with_name("61-ledpi.rules")
     return bad(
         "udev rule",
-        f"{old} comes before 60-serial.rules, which reads from a board what it compares: no USB board gets a name",
+        f"{old} runs before 60-serial.rules, which reads what it compares: no USB board gets a name",
         f"sudo mv {old} {new}; sudo udevadm control --reload; sudo udevadm trigger --subsystem-match=tty",
     )
 

@@ -44,7 +44,7 @@ def task_text(task: Task) -> str:
             f"{sensor.row_time_us:.2f} µs); panel {1e3 * task.side_m:.0f} mm, {task.cells} × {task.cells} cells; "
             f"oscillators within ± {1e6 * task.tolerance:g} ppm; {task.flicker.value} flicker: from "
             f"{task.flicker.lowest_hz:g} Hz",
-            f"of other lamps' flicker the exposure lets through {through[0]}, {through[1]}",
+            f"the exposure lets through {through[0]} and {through[1]} of other lamps' flicker",
         ]
     )
 
@@ -84,11 +84,11 @@ def _metres(range_m: float | None) -> str:
 def legend() -> str:
     """Says what the columns mean."""
     sentences = (
-        "depth of bands: peak to peak over the mean, as the exposure leaves them. advance: in cycles; near 0 a class "
-        "is frozen. periods a cell: of the bands, from the farthest distance. nats: what tells the classes apart in a "
-        f"cell, from there, of one frame / of {STREAM_FRAMES}; {ENOUGH_NATS:g} are enough. off mains: from the nearest "
-        "harmonic of 100 or 120 Hz. read: as far as "
-        f"{100 * RELIABLE:.0f} % are, by the decoder's own error model; corners that are off make it less."
+        "depth of bands: peak to peak over the mean, at this exposure. advance: in cycles; near 0 a class is frozen. "
+        "periods a cell: of the bands, at the farthest distance. nats: how clearly a cell shows its class there, in "
+        f"one frame / in {STREAM_FRAMES}; {ENOUGH_NATS:g} are enough. off mains: from the nearest harmonic of 100 or "
+        f"120 Hz. read: the distance to which {100 * RELIABLE:.0f} % of panels are read, by the decoder's own error "
+        "model; inexact corners make it less."
     )
     return "\n".join(textwrap.wrap(sentences, 118))
 
@@ -100,14 +100,14 @@ def antiphase_text(proposal: Proposal, reach: Reach, best: Reach, dictionary: Di
     ids = (
         "all IDs"
         if len(readable) == len(dictionary.codewords)
-        else f"of {len(dictionary.codewords)} IDs {len(readable)}"
+        else f"{len(readable)} of {len(dictionary.codewords)} IDs"
     )
     sentences = (
-        f"antiphase: both classes at {proposal.black_hz:.2f} Hz, half a cycle apart, are read alone to {own[0]}, of "
-        f"{STREAM_FRAMES} to {own[1]} (best pair: {pair[0]}, {pair[1]}). A word and its negative are one there, so of "
-        f"{dictionary.name} {ids} can be used, and of a panel "
-        f"{counted(dictionary.correctable_cells('antiphase'), 'cell')} may be wrong or dead instead of "
-        f"{dictionary.correctable_cells()}."
+        f"antiphase: both classes at {proposal.black_hz:.2f} Hz, half a cycle apart. Such a panel is read alone to "
+        f"{own[0]}, of {STREAM_FRAMES} to {own[1]} (best pair: {pair[0]}, {pair[1]}). A codeword and its negative look "
+        "alike then. "
+        f"So {ids} of {dictionary.name} can be used, and {counted(dictionary.correctable_cells('antiphase'), 'cell')} "
+        f"of a panel may be wrong or dead instead of {dictionary.correctable_cells()}."
     )
     return "\n".join(textwrap.wrap(sentences, 118))
 

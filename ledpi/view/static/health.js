@@ -9,7 +9,7 @@ const droppedRate = (h, before) => before && h.at_ns > before.at_ns && Math.max(
 const CHARTS = [
   { name: "Latency", unit: "ms", says: "frame's last row to poses: median, and worst in orange", of: [(h) => h.latency_ms?.median, (h) => h.latency_ms?.worst] },
   { name: "Decoded", unit: "/s", says: "frames decoded a second", of: [(h) => h.decoded_per_s ?? h.frames_per_s] },
-  { name: "Dropped", unit: "/s", says: "frames that came too soon after one another, a second", of: [droppedRate] },
+  { name: "Dropped", unit: "/s", says: "frames a second that came too soon after one another", of: [droppedRate] },
   { name: "Temperature", unit: "°C", says: "of the processor", of: [(h) => h.temperature_c] },
 ];
 for (const chart of CHARTS) {

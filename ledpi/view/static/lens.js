@@ -22,7 +22,7 @@ function tellBoard(told) {
   }
   $("board-says").textContent = told.says;
   const rms = told.rms_px === null ? "" : `; the lens explains them to ${told.rms_px.toFixed(3)} px (rms)`;
-  $("board-found").textContent = `${told.views} views, ${told.enough} or more are wanted${rms}. ${told.lens_says}`;
+  $("board-found").textContent = `${told.views} views of ${told.enough} or more${rms}. ${told.lens_says}`;
   $("lens").hidden = told.rms_px === null;
   $("coverage").hidden = false;
   $("coverage").setAttribute("aria-label", `Corners in the parts of the picture, row by row: ${told.coverage.map((row) => row.join(" ")).join("; ")}`);

@@ -13,7 +13,7 @@ export function drawMap({ map, robot, daemon }) {
   const svg = $("map"), panels = map || [];
   svg.toggleAttribute("hidden", !panels.length);
   if (!panels.length) {
-    $("place").textContent = daemon ? "The daemon has no map: it tells where panels are, and not where the robot is. ledpi calibrate map makes one." : "";
+    $("place").textContent = daemon ? "The daemon has no map: panel positions only, no robot position. ledpi calibrate map makes a map." : "";
     return;
   }
   const last = track[track.length - 1];

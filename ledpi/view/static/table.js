@@ -28,7 +28,7 @@ export function tellLink({ link, health, daemon, panels, no_fix }) {
     $("blank").hidden = false;
     $("blank").textContent = link.state === "down" ? "no daemon" : "the daemon is silent";
   } else if (back) {
-    notice(link.starts > starts && starts ? "The daemon was started anew; this page follows it again." : "The daemon is back.", true);
+    notice(link.starts > starts && starts ? "The daemon has restarted; this page follows it again." : "The daemon is back.", true);
     goodUntil = performance.now() + GOOD_MS;
   } else if (performance.now() > goodUntil && $("notice").textContent) notice("");
   if (up) starts = link.starts;
