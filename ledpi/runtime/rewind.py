@@ -77,10 +77,11 @@ class Rewind:
     def tick(self, now_ns: int, *, lost: bool) -> None:
         """Saves where there is a new fault. `lost`: whether the camera is."""
         fault, self._fault = self._fault, None
-        if lost and not self._is_lost and self._is_new(CAMERA_LOST, now_ns):
+        nothing = self._ring.is_empty  # as at the start, where the first frame may be long in coming
+        if lost and not self._is_lost and not nothing and self._is_new(CAMERA_LOST, now_ns):
             fault = CAMERA_LOST
         self._is_lost = lost
-        if fault is not None and self._saves_faults:
+        if fault is not None and self._saves_faults and not nothing:
             self.save_if_any(fault)
 
     def save_if_any(self, cause: str) -> None:

@@ -36,6 +36,12 @@ class RewindRing(FrameBuffers):
         self._side_bytes = 0
 
     @property
+    def is_empty(self) -> bool:
+        """Tells whether nothing is kept now. From any thread."""
+        with self._changing:
+            return not self._kept
+
+    @property
     def kept_s(self) -> float:
         """From the first frame that is kept to the last one. From any thread."""
         with self._changing:
