@@ -114,7 +114,7 @@ def _import_picamera2() -> tuple[ModuleType, ModuleType]:
         import libcamera
         import picamera2
     except ImportError as error:
-        raise CameraError(f"picamera2: cannot be imported ({error}); needs {_INSTALL}") from None
+        raise CameraError(f"picamera2: cannot be imported ({error}); {_INSTALL}") from None
     except ValueError as error:  # "numpy.dtype size changed": the system's simplejpeg was built for numpy 1
         raise CameraError(
             f"picamera2: cannot be imported ({error}); on Bookworm, install under constraints/bookworm.txt"

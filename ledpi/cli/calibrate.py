@@ -36,7 +36,7 @@ def status(
 
     settings, file = settings_for(config, [], None)
     typer.echo(
-        f"of {file}" if file is not None else "no config.yaml; these are the defaults (ledpi config init writes one)"
+        f"{file}:" if file is not None else "no config.yaml; these are the defaults (ledpi config init writes one)"
     )
     found = list(parts(settings, date.today()))
     for part in found:
