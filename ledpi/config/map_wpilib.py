@@ -76,6 +76,9 @@ def load_layout(path: Path) -> PanelMap:
         raise ConfigError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: must be a field layout, an object with `tags`")
+    lists = [name for name in ("tags", "field-tags", "fiducials") if name in raw]
+    if len(lists) > 1:
+        raise ConfigError(f"{path}: {' and '.join(lists)}: must be one of them, not {len(lists)}")
     if "fiducials" in raw:
         return limelight_panels(raw, path)
     name = "field-tags" if "field-tags" in raw else "tags"
@@ -87,8 +90,9 @@ def load_layout(path: Path) -> PanelMap:
             raise ConfigError(f"{path}: {name}.{index}.ID: {tag.ID} is there twice; each ID once")
         q, t = tag.pose.rotation.quaternion, tag.pose.translation
         quaternion = np.array([q.W, q.X, q.Y, q.Z])
-        if abs(float(np.linalg.norm(quaternion)) - 1) > 0.01:
-            raise ConfigError(f"{path}: {name}.{index}.pose.rotation.quaternion: must have length 1")
+        length = math.hypot(q.W, q.X, q.Y, q.Z)
+        if abs(length - 1) > 0.01:
+            raise ConfigError(f"{path}: {name}.{index}.pose.rotation.quaternion: must have length 1, not {length:.3g}")
         place = transform(matrix_from_quaternion(quaternion) @ FACING_FROM_MARKER, np.array([t.x, t.y, t.z]))
         panels[tag.ID] = MapPanel(
             map_from_marker=read_only(place),

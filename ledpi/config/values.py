@@ -42,7 +42,8 @@ SidePx = Annotated[int, Field(ge=1, le=MAX_SIDE_PX)]
 MarkerId = Annotated[int, Field(ge=0, le=65_535)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 MountM = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]  # on a robot
-PlaceM = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]  # in a map: packets carry 838 m
+MAX_PLACE_M = 1000.0  # in a map: packets carry 838 m
+PlaceM = Annotated[float, Field(ge=-MAX_PLACE_M, le=MAX_PLACE_M, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
 # How well a panel is placed. Less well, and it tells nothing: its deviations' squares would drown those of its corners.
 DeviationM = Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)]

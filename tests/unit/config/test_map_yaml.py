@@ -218,9 +218,13 @@ def test_a_field_map_of_limelight_is_read(tmp_path: Path) -> None:
         (lambda tags: tags[0].update(transform=[1.0] * 16), "fiducials.0.transform: must be a rotation and a place"),
         (
             lambda tags: tags[0]["transform"].__setitem__(3, 8308.8),
-            "fiducials.0.transform: x: must be less than or equal",
+            "fiducials.0.transform: must have x, y and z in metres, within 1000, not [",
         ),
-        (lambda tags: tags[0].update(size=0), "fiducials.0.size: must be greater than or equal to 1"),
+        (lambda tags: tags[0].update(transform=[1e200] * 16), "fiducials.0.transform: must be a rotation and a place"),
+        (lambda tags: tags[0].update(size=0.1651), "fiducials.0.size: must be 20 to 10000 millimetres, not 0.1651"),
+        (lambda tags: tags[1].update(size=6.5), "fiducials.1.size: must be 20 to 10000 millimetres, not 6.5"),
+        (lambda tags: tags[0].update(size=math.nan), "fiducials.0.size: must be a finite number, not nan"),
+        (lambda tags: tags[0].pop("id"), "fiducials.0.id: must be given"),
         (lambda tags: tags.clear(), "fiducials: must not be empty"),
     ],
 )
@@ -253,7 +257,17 @@ def test_a_field_layout_goes_out_as_it_came_in(tmp_path: Path) -> None:
     ("change", "message"),
     [
         (lambda layout: layout["tags"][1].update(ID=4), "tags.1.ID: 4 is there twice"),
-        (lambda layout: layout["tags"][0]["pose"]["rotation"]["quaternion"].update(Z=0), "must have length 1"),
+        (lambda layout: layout["tags"][0]["pose"]["rotation"]["quaternion"].update(Z=0), "must have length 1, not 6"),
+        (lambda layout: layout["tags"][0]["pose"]["rotation"]["quaternion"].update(W=1e200), "length 1, not 1e+200"),
+        (
+            lambda layout: layout["tags"][0]["pose"]["translation"].update(x=math.nan),
+            "tags.0.pose.translation.x: must be a finite number, not nan",
+        ),
+        (
+            lambda layout: layout.update({"field-tags": layout["tags"]}),
+            "tags and field-tags: must be one of them, not 2",
+        ),
+        (lambda layout: layout.update(fiducials=[]), "tags and fiducials: must be one of them, not 2"),
         (lambda layout: layout["tags"][0]["pose"].pop("translation"), "tags.0.pose.translation: must be given"),
         (lambda layout: layout.pop("tags"), "tags: must be given"),
         (lambda layout: layout["tags"][0].update(ID=True), "tags.0.ID: takes no true or false"),
