@@ -28,6 +28,18 @@ class Credibility:
         odds = max(-MOST, min(MOST, self._odds[one].get(other, PRIOR) + max(-EXCLUDED_BY, min(EXCLUDED_BY, chi2))))
         self._odds[one][other] = self._odds[other][one] = odds
 
+    def compare_by_way(self, one: int, other: int, chi2: float) -> None:
+        """Counts such evidence where the two were not seen at once: it accuses and acquits, but speaks for no panel.
+
+        The way that a robot may have come meanwhile hides an error that is many of a fix's deviations.
+        """
+        least = min(PRIOR, self._odds[one].get(other, PRIOR))
+        self.compare(one, other, max(chi2, least - self._odds[one].get(other, PRIOR)))
+
+    def is_vouched(self, panels: Iterable[int]) -> bool:
+        """Tells whether others speak for one of these panels, more than speak against it."""
+        return any(self._standing(panel) > 0 for panel in panels)
+
     def is_credible(self, used: Iterable[int], rejected: Iterable[int]) -> bool:
         """Tells whether a fix by the panels `used` may be believed, if this frame's `rejected` contradict it.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -170,7 +170,8 @@ class FixSolver:
         """camera_from_middle, from each of the starts."""
         starts = np.array([start for both in seen.starts for start in both][:MAX_STARTS])
         corners = seen.points.reshape(-1, 3), seen.corners_px.reshape(-1, 2), seen.whiteners
-        return fit_body(starts[:, :3, :3], starts[:, :3, 3], *corners, self._intrinsics, at_most=2)
+        fits = fit_body(starts[:, :3, :3], starts[:, :3, 3], *corners, self._intrinsics, at_most=2)
+        return fits if len(seen.ids) > 1 else _kept_apart(fits, starts)
 
     def _distinct(self, fits: Fits, seen: _Observations, excluded: tuple[int, ...]) -> list[Candidate]:
         """The different poses among fits that are not excluded by the best; of one panel its own two, as preferred."""
@@ -205,6 +206,21 @@ class FixSolver:
 def _matrix(solution: PlanarSolution) -> Floats:
     pose = solution.camera_from_marker
     return transform(matrix_from_quaternion(pose.quaternion_wxyz), pose.position_m)
+
+
+def _kept_apart(fits: Fits, starts: Floats) -> Fits:
+    """One panel's fits, of which one that ran into the minimum of the other start stays where it began.
+
+    A panel's mirror pose need not be a minimum to be possible. Were it lost here, one pose alone would be taken for
+    certain, though the panel leaves two open.
+    """
+    if len(fits.chi2) < 2:
+        return fits
+    # The trace of AᵀB is the larger the less A is turned from B.
+    likeness = np.einsum("kij,sij->ks", fits.rotations, starts[:, :3, :3])
+    strayed = likeness.argmax(axis=1) != np.arange(len(starts))
+    rotations = np.where(strayed[:, None, None], starts[:, :3, :3], fits.rotations)
+    return replace(fits, rotations=rotations, positions=np.where(strayed[:, None], starts[:, :3, 3], fits.positions))
 
 
 def _agrees(fits: Fits, panels: int) -> bool:

@@ -37,6 +37,7 @@ class FixHistory:
     def __init__(self) -> None:
         self._last: Candidate | None = None
         self._at_ns, self._believed = 0, False
+        self._compared: set[tuple[int, ...]] = set()  # panels that the last fix has been compared with
         self._credibility = Credibility()
 
     def choose(self, candidates: list[Candidate], now_ns: int) -> Candidate | Rejected:
@@ -52,6 +53,7 @@ class FixHistory:
             chosen = self._continuing(last, way, credible)
         if chosen is not None or len(candidates) == 1:  # one that is not believed is compared with what comes after it
             self._last, self._at_ns, self._believed = chosen or candidates[0], now_ns, chosen is not None
+            self._compared = set()
         if chosen is None:
             return CONTRADICTION if not credible or credible[0].rejected else AMBIGUOUS
         return chosen
@@ -68,20 +70,27 @@ class FixHistory:
     def _compare_with(self, last: Candidate, way: Floats, candidates: list[Candidate]) -> None:
         """Panels of the last fix with others that are alone now: a robot cannot leap from fix to fix.
 
-        Where those leave two poses open, they contradict it if both do.
+        Where those leave two poses open, they contradict it if both do. Only their first look counts: at a later one
+        the same leap seems to be a way that a robot might have come.
         """
         evidence: dict[tuple[int, ...], list[float]] = defaultdict(list)
         for candidate in candidates:
             if not {*last.used} & {*candidate.used, *candidate.rejected}:
                 evidence[candidate.used].append(_against_continuing(last, way, candidate))
         for used, chi2 in evidence.items():
-            if len(chi2) == 1 or min(chi2) > 0.0:
+            if used not in self._compared and (len(chi2) == 1 or min(chi2) > 0.0):
                 for one, other in product(last.used, used):
-                    self._credibility.compare(one, other, min(chi2))
+                    self._credibility.compare_by_way(one, other, min(chi2))
+        self._compared |= set(evidence)
 
     def _continuing(self, last: Candidate, way: Floats, candidates: list[Candidate]) -> Candidate | None:
-        """The one of several candidates that the last fix leads to, if it has not been contradicted by their panels."""
+        """The one of several candidates that the last fix leads to, if it has not been contradicted by their panels.
+
+        A fix by a panel for which none speaks leads to poses of that panel only: were it wrong, so would be the choice.
+        """
         if any(self._credibility.are_opposed(last.used, c.used) for c in candidates):
+            return None
+        if not self._credibility.is_vouched(last.used) and not all({*last.used} & {*c.used} for c in candidates):
             return None
         grown = last.covariance + way
         ranked = sorted((distance2(last, c, grown + c.covariance), k) for k, c in enumerate(candidates))
@@ -90,10 +99,16 @@ class FixHistory:
 
 
 def _against_continuing(last: Candidate, way: Floats, candidate: Candidate) -> float:
-    """Evidence, as χ², that a fix does not go on from the last one, as one of them is by panels that hang elsewhere."""
+    """Evidence, as χ², that a fix does not go on from the last one, as one of them is by panels that hang elsewhere.
+
+    What chance exceeds once in 1,000 times is as much evidence as it is of panels that one frame shows.
+    """
     covariance = last.covariance + candidate.covariance + way
     elsewhere = covariance + MISPLACED
-    chi2 = distance2(last, candidate, covariance) - distance2(last, candidate, elsewhere)
+    leap = distance2(last, candidate, covariance)
+    if leap > NEAR:
+        return EXCLUDED_BY
+    chi2 = leap - distance2(last, candidate, elsewhere)
     return chi2 + float(np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(elsewhere)[1])
 
 

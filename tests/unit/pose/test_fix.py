@@ -136,6 +136,20 @@ def test_one_panel_whose_pose_is_open_gives_no_fix() -> None:
     assert fix == "fix.ambiguous"
 
 
+def test_what_one_panel_leaves_open_is_open_for_its_fix() -> None:
+    """60 looks at a panel 3.6 m away: its two poses are 0.7 m apart, and in some looks only one is a minimum."""
+    place, base, rng = panel((3.193, 0.972, 0.866), 193.4, 13.0), pose((-0.43, -0.08, 0.0)), np.random.default_rng(1)
+    fixes = []
+    for _ in range(60):
+        markers, fix = Driver(panels={7: place}, sigma_m=0.005, sigma_rad=0.005).see(
+            {7: with_errors(seen_corners(base, place), rng)}
+        )
+        if markers[0].alternate is not None:
+            fixes.append(fix)
+    assert len(fixes) > 50
+    assert all(fix == "fix.ambiguous" for fix in fixes)
+
+
 def test_the_fix_before_tells_which_of_two_poses_it_is() -> None:
     """Another panel leaves the view: the first alone goes on where the robot was, whichever pose looks likelier.
 
