@@ -192,6 +192,20 @@ def test_views_of_no_board_are_refused() -> None:
     assert "rms is" in refusal(views) or "no camera" in refusal(views)
 
 
+def test_a_lens_that_explains_nothing_is_never_written(command: Command) -> None:
+    """Every second picture is stretched, as by a zoom: each shows a board, and no camera shows them all."""
+    Path("pictures").mkdir()
+    stretch = np.array([[1.25, 0.1, -90.0], [0.0, 0.8, 40.0]])
+    for number, picture in enumerate(charuco_pictures()):
+        height, width = picture.shape
+        seen = cv2.warpAffine(picture, stretch, (width, height), borderValue=90) if number % 2 else picture
+        cv2.imwrite(f"pictures/{number:02}.png", seen)
+    status, out, err = command("pictures", "--cols", 6, "--rows", 5)
+    assert (status, err.count("\n")) == (2, 1), out + err
+    assert "rms is" in err or "no camera" in err or "views agree" in err
+    assert [path.name for path in Path().iterdir()] == ["pictures"]
+
+
 def test_a_refusal_is_one_line_and_writes_nothing(command: Command) -> None:
     """Exit status 2, one line on standard error, and the older file is as it was."""
     Path("camera.yaml").write_text("precious")
