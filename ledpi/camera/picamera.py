@@ -17,7 +17,7 @@ from typing import Any
 from ledpi.camera.capture_settings import check_limits, check_mode, fixed_controls, frame_rows, row_time
 from ledpi.camera.gain import FIRST_GAIN
 from ledpi.camera.picamera_stream import ASKED_AHEAD, FAILURES, PicameraCamera
-from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version, unforeseen
+from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version, unforeseen, versions
 from ledpi.camera.sensors import BIT_DEPTH, MODE
 from ledpi.camera.timing import frame_duration_us
 from ledpi.camera.tuning import linear_tuning, white_gains
@@ -82,7 +82,7 @@ def _open(
         with contextlib.suppress(Exception):  # of one that is half started; the first error counts
             opened.close()
         if isinstance(error, FAILURES):  # no memory for its buffers as the machine boots, say
-            raise CameraLostError(f"picamera2: {error}") from None
+            raise CameraLostError(f"{versions(libcamera)}: {error}") from None
         raise
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ledpi.camera.capture_settings import disagreement
-from ledpi.camera.picamera_version import unforeseen
+from ledpi.camera.picamera_version import unforeseen, versions
 from ledpi.camera.timing import exposure_honoured
 from ledpi.core.errors import CameraError, CameraLostError
 from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
@@ -82,7 +82,7 @@ class PicameraCamera:
         try:
             return self._read(into)
         except FAILURES as error:
-            raise CameraLostError(f"picamera2: {error}") from None
+            raise CameraLostError(f"{versions(self._libcamera)}: {error}") from None
         except CameraError:
             raise
         except Exception as error:  # as another version has it; a new start may do better

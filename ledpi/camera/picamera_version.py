@@ -29,12 +29,17 @@ def _numbers(said: str) -> tuple[int, ...]:
     return tuple(int(part) for part in re.findall(r"\d+", said)[:3])
 
 
+def versions(libcamera: ModuleType | None) -> str:
+    """Names both, as what begins an error's line."""
+    manager = getattr(libcamera, "CameraManager", None)
+    libcameras = getattr(manager, "version", "of unknown version")
+    return f"picamera2 {picamera2_version() or 'of unknown version'}, libcamera {libcameras}"
+
+
 def unforeseen(error: Exception, libcamera: ModuleType | None) -> CameraError:
     """The error of what nobody has foreseen, with the versions. Of a version that fits, a new start may do better."""
     found = picamera2_version()
-    manager = getattr(libcamera, "CameraManager", None)
-    said = f"picamera2 {found or 'of unknown version'}, libcamera {getattr(manager, 'version', 'of unknown version')}"
-    said += f": {type(error).__name__}: {error}"
+    said = f"{versions(libcamera)}: {type(error).__name__}: {error}"
     if found is not None and not is_too_old(found):
         return CameraLostError(said)
     return CameraError(f"{said}; needs picamera2 {OLDEST} or newer: {UPDATE}")

@@ -220,7 +220,7 @@ def test_a_camera_without_buffers_at_boot_is_tried_again(monkeypatch: pytest.Mon
     )
     fakes = (libcamera, SimpleNamespace(Picamera2=Buffers))
     monkeypatch.setattr(picamera, "_import_picamera2", lambda: fakes)
-    with pytest.raises(CameraLostError, match=r"^picamera2: \[Errno 12\] Cannot allocate memory$"):
+    with pytest.raises(CameraLostError, match=r"^picamera2 .*: \[Errno 12\] Cannot allocate memory$"):
         open_camera(load_config(None, ("panels.side_m=0.16",)), recover=True)
     assert Buffers.closed == 1
 

@@ -147,6 +147,27 @@ def test_any_exception_of_a_version_that_fits_is_one_line_and_tried_again(error:
         assert str(lost.value) == f"picamera2 {NEWEST}, libcamera v0.5.2: {type(error).__name__}: {error}"
 
 
+@pytest.mark.parametrize("call", ["create_video_configuration", "configure", "set_controls", "start"])
+@pytest.mark.parametrize(
+    "error", [KeyError("sensor"), AttributeError("fd"), IndexError("no such mode"), RuntimeError("busy")]
+)
+def test_whatever_call_fails_while_it_is_opened_is_one_line(
+    call: str, error: Exception, use: Use, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And what was opened by then is closed: another start finds it free."""
+    sensor = use(NEWEST)
+
+    def fails(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(sensor, call, fails)
+    with pytest.raises(CameraLostError) as lost:
+        opened()
+    assert str(lost.value).startswith(f"picamera2 {NEWEST}, libcamera v0.5.2: ")
+    assert str(lost.value).endswith(str(error))
+    assert sensor.closed
+
+
 def test_doctors_page_goes_on_to_its_end(use: Use) -> None:
     """Whatever a camera brings about; the line names it."""
     use("0.3.12", says=None)
