@@ -43,9 +43,15 @@ class Credibility:
     def is_credible(self, used: Iterable[int], rejected: Iterable[int]) -> bool:
         """Tells whether a fix by the panels `used` may be believed, if this frame's `rejected` contradict it.
 
-        More panels must speak for each of them than for those that contradict it, less those that speak against it.
+        More panels must speak for each of them than for those that contradict it, less those that speak against it. If
+        more than one panel must hang elsewhere to explain all that was seen, to have been accused by fewer is no merit:
+        then some panel must speak for it.
         """
-        return all(self._standing(u) > self._standing(r) for u in used for r in self._opponents(u, rejected))
+        return all(
+            self._standing(u) > self._standing(r) and (self._speakers(u) > 0 or self._explains_all(r))
+            for u in used
+            for r in self._opponents(u, rejected)
+        )
 
     def are_opposed(self, some: Iterable[int], others: Iterable[int]) -> bool:
         """Tells whether one of `some` has contradicted one of `others`."""
@@ -57,9 +63,20 @@ class Credibility:
         now = {r for r in rejected if not _speaks_for(odds.get(r, PRIOR))}
         return now | {other for other, value in odds.items() if value >= 0.0}
 
+    def _speakers(self, panel: int) -> int:
+        return sum(map(_speaks_for, self._odds[panel].values()))
+
+    def _explains_all(self, panel: int) -> bool:
+        """Tells whether no two other panels contradict each other."""
+        return not any(
+            value >= 0.0
+            for one, odds in self._odds.items()
+            for other, value in odds.items()
+            if panel not in (one, other)
+        )
+
     def _standing(self, panel: int) -> int:
-        odds = self._odds[panel].values()
-        return sum(map(_speaks_for, odds)) - sum(value >= 0.0 for value in odds)
+        return self._speakers(panel) - sum(value >= 0.0 for value in self._odds[panel].values())
 
 
 def _speaks_for(odds: float) -> bool:

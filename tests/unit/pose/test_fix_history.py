@@ -59,3 +59,21 @@ def test_a_way_that_a_robot_may_have_come_makes_no_witness() -> None:
     both = [candidate(0.15, 8, rejected=(9,)), candidate(0.0, 9, rejected=(8,))]
     *_, last = after([candidate(0.0, 7)], [candidate(0.15, 8)], both)
     assert last is CONTRADICTION
+
+
+def contradiction(one: int, other: int) -> list[Candidate]:
+    """Makes what a frame leaves that shows two panels, of which one hangs elsewhere."""
+    return [candidate(0.5, one, rejected=(other,)), candidate(0.0, other, rejected=(one,))]
+
+
+def test_a_panel_that_contradicts_two_others_is_the_one_that_hangs_elsewhere() -> None:
+    """That explains all that was seen; that both others do is a thousand times less likely."""
+    *_, last = after(contradiction(7, 8), contradiction(7, 9))
+    assert isinstance(last, Candidate)
+    assert last.used == (9,)
+
+
+def test_to_have_been_accused_by_fewer_is_no_merit_where_one_panel_explains_not_all() -> None:
+    """10 has contradicted two others, and those three each; but 7 is not all that is wrong with this map, nor 9."""
+    pairs = [(7, 8), (9, 10), (7, 9), (8, 9), (7, 10)]
+    assert set(after(*[contradiction(*pair) for pair in pairs])) == {CONTRADICTION}
