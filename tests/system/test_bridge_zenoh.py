@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
-from tests.builders import ROOT
+from tests.builders import DEADLINE_S, ROOT
 from tests.builders.bridges import ZENOH_ROUTER, Zenoh, bridge, free_port
 from tests.builders.made_up_daemon import MadeUpDaemon
 from tests.builders.ros_node import DETECTIONS, FRAME_US, PANELS, Drive, driven, near
@@ -174,3 +174,42 @@ def test_a_router_that_takes_nothing_is_given_up_and_found_again(tmp_path: Path)
         daemon_end.close()
         router.unblock()
         router.close()
+
+
+# Finds its router again and again, as after losses; prints its own memory (kB) after some of them.
+AGAIN = """
+import re, sys
+from contextlib import suppress
+from pathlib import Path
+
+from ledpi.bridge.target import TargetLostError
+from ledpi.bridge.zenoh_ros import ZenohTarget
+from ledpi.config.outputs import OutputSettings
+
+target = ZenohTarget(OutputSettings(kind="zenoh", host="127.0.0.1", port=int(sys.argv[1])))
+for number in range(61):
+    is_open = False
+    while not is_open:
+        with suppress(TargetLostError):
+            target.open()
+            target.tell_state("running", {})
+            is_open = True
+    target.close()
+    if number % 20 == 0:
+        print(re.search(r"RssAnon:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
+"""
+LEFT_OPEN_KB = 20  # what Zenoh keeps of a publisher that was not undeclared
+
+
+@pytest.mark.slow
+def test_a_router_that_is_lost_and_found_again_costs_no_memory(tmp_path: Path) -> None:
+    """Whatever was declared is undeclared first."""
+    router = Zenoh(tmp_path)
+    router.start()
+    try:
+        command = [sys.executable, "-c", AGAIN, str(router.port)]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=True)
+    finally:
+        router.close()
+    _, settled, _, last = map(int, done.stdout.split())
+    assert last - settled < 40 * LEFT_OPEN_KB / 2
