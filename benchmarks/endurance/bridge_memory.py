@@ -104,7 +104,7 @@ def started(stack: ExitStack, folder: Path) -> tuple[dict[str, int], list[Troubl
 
 
 def state_at(share: float, seconds: float) -> str:
-    """What the troubled far ends are, so far into the time."""
+    """Returns what the troubled far ends are, so far into the time."""
     begins, ends = TROUBLE_SHARE
     if not begins <= share < ends:
         return "well"
@@ -131,7 +131,7 @@ def sampled(seconds: float, keep: Path) -> list[dict[str, Any]]:
 
 
 def slope_kib_per_h(samples: list[dict[str, Any]], name: str) -> float:
-    """Of a straight line through its own memory."""
+    """The slope of a straight line through its own memory."""
     at_h = [sample["at_s"] / 3600 for sample in samples]
     return float(np.polyfit(at_h, [sample[name]["RssAnon"] for sample in samples], 1)[0])
 

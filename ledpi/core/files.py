@@ -157,7 +157,7 @@ def nothing_left(path: Path) -> Iterator[None]:
 
 
 def _left(path: Path) -> str:
-    """What the disk of a file has left, where it can be asked. A disk may have room, and names for no further file."""
+    """Says what the disk of a file has left. It may have room, and names for no further file."""
     there = next((folder for folder in (path, *path.absolute().parents) if folder.exists()), path)
     try:
         status = os.statvfs(there)

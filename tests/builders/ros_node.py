@@ -61,7 +61,7 @@ time.sleep(1e6)
 
 @dataclass(frozen=True)
 class Drive:
-    """What the tap told of a drive, what the node heard of it, and the bridge's counters."""
+    """A drive as the tap told it and as the node heard it, and the bridge's counters."""
 
     told: list[dict[str, Any]]  # `decoded`
     heard: dict[str, list[bytes]]  # messages as they came, by topic
@@ -85,7 +85,7 @@ class Drive:
 
 
 def _stamp_ns(data: bytes) -> int:
-    """Of the header that a message begins with, after the four bytes of CDR's own."""
+    """Reads it of the header that a message begins with, after the four bytes of CDR's own."""
     seconds, nanoseconds = np.frombuffer(data[4:12], "<u4").tolist()
     return int(seconds) * 10**9 + int(nanoseconds)
 
@@ -110,7 +110,7 @@ def render(take: Path, frames: int) -> None:
 
 @contextmanager
 def node(port: int) -> Iterator[list[tuple[str, bytes]]]:
-    """What it has heard so far, by topic."""
+    """Gives what it has heard so far, by topic."""
     command = [sys.executable, "-c", NODE, str(port), json.dumps(TYPES), DETECTIONS]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

@@ -90,7 +90,7 @@ def test_a_tool_finds_every_topic_by_what_the_bridge_tells_of_itself(tmp_path: P
     params=[pytest.param(5, id="5 s"), pytest.param(60, id="60 s", marks=pytest.mark.slow)],
 )
 def drive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    """Of a robot that drives up to two panels of a map and back, at 59 frames a second."""
+    """A robot's, up to two panels of a map and back, at 59 frames a second."""
     frames = round(request.param * 1e6 / FRAME_US)
     return driven(tmp_path_factory.mktemp("drive"), frames, of_recording=min(frames, 588))
 
@@ -107,7 +107,7 @@ def test_a_node_hears_of_each_frame_that_the_bridge_has_sent(drive: Drive) -> No
 
 @pytest.mark.parametrize("topic", [*PANELS, "/ledpi/pose"])
 def test_a_node_hears_every_pose_with_its_covariance(drive: Drive, topic: str) -> None:
-    """Of each frame that was sent; equal to the tap's."""
+    """One for each frame that was sent; equal to the tap's."""
     messages = drive.messages(topic)
     stamps = [stamp_ns(message.header) for message in messages]
     assert stamps == sorted(stamps)

@@ -44,7 +44,7 @@ def test_an_export_finds_no_room(take: Path, tmp_path: Path, name: str) -> None:
 
 
 def test_an_import_finds_no_room(take: Path, tmp_path: Path) -> None:
-    """Of a bag of ours, whose pictures are files of their own."""
+    """A bag of ours, whose pictures become files of their own."""
     pytest.importorskip("mcap")
     bag, out = tmp_path / "a.mcap", tmp_path / "disk/out"
     (tmp_path / "enough").mkdir()
@@ -55,7 +55,7 @@ def test_an_import_finds_no_room(take: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["take", "a.mcap"])
 def test_a_recording_finds_no_room(tmp_path: Path, name: str) -> None:
-    """What was recorded until then stays, and is told."""
+    """Frames until then stay, and are told."""
     pytest.importorskip("mcap")
     out = tmp_path / "disk" / name
     done = on_a_small_disk(tmp_path / "disk", "record", out, "--frames", 60, *LIVE, has_kb=300)

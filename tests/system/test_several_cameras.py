@@ -85,7 +85,7 @@ def test_both_pages_are_open_at_a_time(both: dict[str, Path]) -> None:
 
 
 def test_a_bridge_sends_nothing_of_another_cameras_daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where two are started by hand, and the second one's tap is off: its poses would be the first one's."""
+    """Two are started by hand, and the second one's tap is off: its poses would be the first one's."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     for name in NAMES:
         outputs = "{far: {kind: stdout}}"

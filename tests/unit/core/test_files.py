@@ -147,7 +147,7 @@ def test_each_kind_of_file_has_its_own_error(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 def test_a_full_disk_says_what_it_has_left(tmp_path: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the folder where the file was to be, as far as there is one; and where only names for files are left out."""
+    """Asks the folder where the file was to be, as far as there is one. There may be room, and no name left."""
     full = OSError(number, os.strerror(number))
     said = not_written(tmp_path / "no/such/file", full, ConfigError)
     assert isinstance(said, DiskFullError)
