@@ -29,7 +29,7 @@ GID_BYTES = 16
 # busy machine the thread that empties the queue may not have had its turn by then. Both ends still bound what waits.
 QUEUE = {
     "transport/link/tx/queue/size/data": 16,
-    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 50_000,  # µs
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 200_000,  # µs; five messages: 1 s
 }
 
 
