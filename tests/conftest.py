@@ -7,8 +7,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from tests.builders import ROOT
+
+# The same examples in each run, however long one takes on a busy machine.
+settings.register_profile("ledpi", derandomize=True, deadline=None, database=None)
+settings.load_profile("ledpi")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what runs in the background; Ctrl-C is tested
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -79,7 +79,7 @@ PIECES = st.one_of(
 
 
 @needs_gcc
-@settings(max_examples=40, derandomize=True, deadline=None, database=None)
+@settings(max_examples=40)
 @given(st.lists(PIECES, max_size=40), st.lists(st.integers(1, 90), min_size=1, max_size=5))
 def test_both_decide_alike_on_any_stream(pieces: list[bytes], cuts: list[int]) -> None:
     """Whole frames, pieces of them, right checksums around anything, noise: the same messages and counters.

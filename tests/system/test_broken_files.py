@@ -85,13 +85,7 @@ MAP = (ROOT / "docs/map.md").read_text(encoding="utf-8").partition("```yaml\n")[
 KEYS = sorted((section, key) for section, keys in SOUND.items() if isinstance(keys, dict) for key in keys)
 
 
-EIGHTY = settings(
-    max_examples=80,
-    derandomize=True,
-    deadline=None,
-    database=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+EIGHTY = settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @EIGHTY

@@ -1,4 +1,4 @@
-"""What the last fix may say where a frame leaves the robot's pose open, and what it may not."""
+"""Fixes of a robot in a row: the last one may settle what a frame leaves open, and may not mislead."""
 
 from __future__ import annotations
 
