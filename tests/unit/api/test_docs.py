@@ -62,7 +62,8 @@ def test_the_readme_s_lines_pass_a_strict_type_checker(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "program.py"]
     environment = os.environ | {"MYPYPATH": str(ROOT)}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert "checked 1 source file" in done.stdout + done.stderr
+    # "no issues found in 1 source file", or "(checked 1 source file)" where OpenCV's own stubs have faults.
+    assert "1 source file" in done.stdout
     # Installed packages are not judged; here ledpi lies in a folder, and its own configuration judges it.
     assert [line for line in done.stdout.splitlines() if line.startswith("program.py")] == []
 
