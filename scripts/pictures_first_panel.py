@@ -22,7 +22,7 @@ from tests.builders.simavr import CLOCK_HZ, ROOT, PinTrace, emulate
 
 MARKER_ID = 7
 OUTPUTS = {"PB1": ("D9, class black", "#3c8ceb"), "PB2": ("D10, class white", "#faaf32")}
-ANTIPHASE = ("phase=antiphase", "black_hz=1353.64", "white_hz=1353.64")
+ANTIPHASE = ("phase=antiphase", "black_hz=1253.33", "white_hz=1253.33")
 DIRECT = ["--direct", "--side", "0.12", *(word for key in ANTIPHASE for word in ("--set", f"panels.{key}"))]
 TRACED_S, SETTLED_S = 0.12, 0.01
 EXPOSURE_S = whole_rows_us(1e4, OV5647_ROW_TIME_US) * 1e-6

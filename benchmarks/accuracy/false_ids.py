@@ -25,9 +25,10 @@ import numpy as np
 
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
-from ledpi.core.records import Frame
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.decision import Reading, read_codeword
+from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.one_frame import read_frame
 from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
@@ -46,13 +47,14 @@ RATES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
 def looked_at(
     settings: PanelSettings, condition: Condition, seed: int, number: int
-) -> tuple[Take, Frame, list[SquareTrace]]:
-    """The first frame of a take, and what was made of each lit square in it."""
+) -> tuple[Take, LightWeigher, list[SquareTrace]]:
+    """A take, what weighs its light, and what was made of each lit square in its first frame."""
     take = draw_take(condition, settings, seed, number)
     frame = next(photographed(take, take.scene, 1))
     info, trace = sensor_info(take.scene.sensor, 1.0), Trace()
     Pipeline(info, settings, intrinsics=info.intrinsics, stream=False).decode(frame, trace)
-    return take, frame, trace.squares
+    cells = load_dictionary(settings.dictionary).cells_per_side
+    return take, LightWeigher(cells, info.intrinsics), trace.squares
 
 
 def panel_in(take: Take, squares: list[SquareTrace]) -> tuple[SquareTrace, Bits] | None:
@@ -65,10 +67,10 @@ def panel_in(take: Take, squares: list[SquareTrace]) -> tuple[SquareTrace, Bits]
     return None
 
 
-def rates_met(frame: Frame, square: SquareTrace, codebook: Codebook) -> int:
+def rates_met(square: SquareTrace, codebook: Codebook, weigher: LightWeigher) -> int:
     """At how many of RATES what is seen is taken for a word, beginning with the highest."""
     for met, rate in enumerate(RATES):
-        if not isinstance(read_codeword(square.samples, frame, codebook, rate), Reading):
+        if not isinstance(read_frame(square.seen, codebook, weigher, rate), Reading):
             return met
     return len(RATES)
 
@@ -98,15 +100,17 @@ def print_distance(settings: PanelSettings, condition: Condition, takes: int, se
     others: dict[int, list[int]] = {2: [], 3: []}
     rng = np.random.default_rng(seed)
     for number in range(takes):
-        take, frame, squares = looked_at(settings, condition, seed, number)
+        take, weigher, squares = looked_at(settings, condition, seed, number)
         panel = panel_in(take, squares)
         if panel is None:
             own.append(0)
             continue
         square, codeword = panel
-        own.append(rates_met(frame, square, with_word(codeword, settings)))
+        own.append(rates_met(square, with_word(codeword, settings), weigher))
         for cells, met in others.items():
-            met += [rates_met(frame, square, with_word(each, settings)) for each in changed(codeword, cells, 120, rng)]
+            met += [
+                rates_met(square, with_word(each, settings), weigher) for each in changed(codeword, cells, 120, rng)
+            ]
     for n, rate in enumerate(RATES):
         share = {cells: float(np.mean(np.array(met) > n)) for cells, met in others.items()}
         every = sum(CHANCES[cells] * share[cells] for cells in share)
@@ -120,8 +124,8 @@ def print_decoys(settings: PanelSettings, condition: Condition, takes: int, seed
     codebook = Codebook.build(list(range(len(dictionary.codewords))), dictionary, settings.spec())
     met: list[int] = []
     for number in range(takes):
-        _, frame, squares = looked_at(settings, condition, seed, number)
-        met += [rates_met(frame, square, codebook) for square in squares]
+        _, weigher, squares = looked_at(settings, condition, seed, number)
+        met += [rates_met(square, codebook, weigher) for square in squares]
     for n, rate in enumerate(RATES):
         taken = int((np.array(met) > n).sum())
         print(f"| {condition.case} | {rate:.0e} | {taken} of {len(met)} | {taken / len(met):.1e} |", flush=True)

@@ -24,11 +24,12 @@ from benchmarks import ROOT
 from benchmarks.accuracy.led_bands import EXPOSURE_US, ROW_TIME_US, Photograph, photographs, row_profile, srgb_tone
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
-from ledpi.core.records import CameraInfo, Frame, Quad, Rejected
+from ledpi.core.records import CameraInfo, Frame, Rejected
 from ledpi.core.tone import linear_light
-from ledpi.decode.evidence.cells import sample_cells
-from ledpi.decode.identify import decision
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.one_frame import read_frame
+from ledpi.decode.locate import Locator
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 
@@ -91,11 +92,13 @@ def with_true_corners(frame: Frame, corners: Floats, panels: PanelSettings) -> i
     """The ID that a decoder reads who need not look for the panel."""
     dictionary = load_dictionary(panels.dictionary)
     cells = dictionary.cells_per_side
-    samples = sample_cells(frame, Quad(corners_px=corners), cells)
-    if isinstance(samples, Rejected):
+    locator = Locator(cells, (panels.spec(),), None)
+    quad = locator.localise(frame, corners)
+    seen = quad if isinstance(quad, Rejected) else locator.observe(frame, quad)
+    if isinstance(seen, Rejected):
         return None
     book = Codebook.build(list(range(len(dictionary.codewords))), dictionary, panels.spec())
-    reading = decision.read_codeword(samples, frame, book)
+    reading = read_frame(seen, book, LightWeigher(cells, None))
     return None if isinstance(reading, Rejected) else reading.id
 
 

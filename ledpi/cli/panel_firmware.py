@@ -49,7 +49,7 @@ def firmware(
 
     Example: ledpi panel firmware --id 7 --black 1250 --white 2450 --out panel7
 
-    Example: ledpi panel firmware --id 7 --phase antiphase --black 1353.64 --out panel7
+    Example: ledpi panel firmware --id 7 --phase antiphase --black 1253.33 --out panel7
     """
     from ledpi.tools.panel.firmware import build_firmware, missing_tools, write_firmware
     from ledpi.tools.panel.firmware_readme import readme_text

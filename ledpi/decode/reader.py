@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ledpi.core.records import PanelSpec, Rejected
-from ledpi.decode.evidence.evidence import UNFIT, Evidence
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.evidence.waves import band_prior, is_deep, is_faint
+from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.history import History, Identity
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
@@ -22,6 +22,7 @@ from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.frequency_search import CHOICES, propose_frequencies
 from ledpi.decode.identify.innovation_gate import confirms, contradicts, expected_log_likelihood_ratio, prefers_others
+from ledpi.decode.identify.one_frame import read_frame
 from ledpi.decode.observation import Observation
 from ledpi.decode.states import Ask, Event, State, rule_of
 
@@ -164,20 +165,12 @@ class Reader:
 
         A single frame of deep bands is decisive: it has a codeword, or it shows that something is wrong.
         """
-        seen = memory.newest
-        if memory.frames == 1:
-            is_sought = is_faint(band_prior(seen.frame, book.spec))
-            evidence = self._weigher.alone(seen, book.spec) if is_sought else None
-            reading = UNFIT if evidence is None else decision.decide(evidence, book, rate)
-            if isinstance(reading, Reading) or seen.samples is None:
-                return reading
-            return decision.read_codeword(seen.samples, seen.frame, book, rate)
-        if seen.samples is None or not is_deep(band_prior(seen.frame, book.spec)):
+        if memory.frames > 1 and not is_deep(band_prior(memory.newest.frame, book.spec)):
             return None
-        reading = decision.read_codeword(seen.samples, seen.frame, book, rate)
+        reading = read_frame(memory.newest, book, self._weigher, rate)
         if isinstance(reading, Reading):
             return reading._replace(cell_bands=memory.count_from_origin(reading.cell_bands))
-        return reading if reading in NOT_THIS_PANEL else None
+        return reading if memory.frames == 1 or reading in NOT_THIS_PANEL else None
 
     def _search_frequencies_of(self, history: History, *, must_confirm: bool) -> History | None:
         """The history at other frequencies, at which its frames add up to a codeword; None if there are none.

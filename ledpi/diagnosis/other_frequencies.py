@@ -16,8 +16,9 @@ from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.markers.codewords import Dictionary
 
-# Below, bands are higher than most panels; above, next to nothing is left of them at most exposures.
-LOWEST_HZ, HIGHEST_HZ, STEPS = 300.0, 6000.0, 96
+# Below, bands are higher than most panels; above, next to nothing is left of them at most exposures. A step is 1.6 %,
+# 47 Hz at 3 kHz: 10 ms leave no bands at each whole hundred hertz, so depth tells how far from one a panel is.
+LOWEST_HZ, HIGHEST_HZ, STEPS = 300.0, 6000.0, 192
 APART = 1.2  # that a panel's two frequencies are: nearer ones cannot be told apart in one frame
 
 

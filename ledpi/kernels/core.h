@@ -23,8 +23,7 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
                            const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,
                            const int64_t *first, const int64_t *met, const float *shown, const float *of_class,
-                           const uint8_t *white, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
-                           double *score, double *information, double *numbers);
+                           const uint8_t *white, double independence, double *score, double *information, double *free_samples);
 
 /* ---- Codewords and other patterns (codewords.c, neighbours.c, hill_climb.c) */
 
@@ -159,23 +158,24 @@ typedef struct {
 } PanelFit;
 
 enum { LEDPI_DIVERGED, LEDPI_FITTED, LEDPI_WITHOUT_BANDS, LEDPI_MISFIT, LEDPI_UNCERTAIN };
-enum { LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160, LEDPI_MOST_EACH = 12 };
+enum { LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160, LEDPI_MOST_EACH = 16 };
 
 int ledpi_fit_panel(PanelFit *fit, uint8_t *room);
 ptrdiff_t ledpi_panel_room(void);
 
 /* The evidence on the bands of a panel that `fit` has fitted, on a grid of equal steps within it, `step_px` of `light` across
  * and down; of as many waves as tell the classes apart. `cycles_before`: of each wave, from the moment that its phase is
- * counted from to row 0. With a mean of frames on the same grid (light, how many tell it, the waves' cosine and sine;
- * else NULL) it is that of the mean, or, where `compared`, of how this frame differs from it. Out come the frame's own light
+ * counted from to row 0; `lowered`: to how much of it the mean of the rows that a pixel of `light` stands for. `turns` (waves, 2): of each wave what turns it, with its harmonics, to a cosine of height 1; NULL where
+ * phases are open, and waves are sinusoids. With a mean of frames on the same grid (light, how many tell it, the waves' cosine and
+ * sine; else NULL) it is that of the mean, or, where `compared`, of how this frame differs from it. Out come the frame's own light
  * (over the panel's, shifted where it is compared), whether it tells, and waves; score (cells², 2·waves), information
  * (cells², 2·waves)² over the variance of what is left; by how much noise that is alike inflates that; and how many samples
  * were free. */
 typedef struct {
     PanelFit fit;
     ptrdiff_t waves;
-    double cycles_before[2], step_px[2];
-    const float *mean_light, *mean_count, *mean_wave;
+    double cycles_before[2], lowered[2], step_px[2];
+    const float *turns, *mean_light, *mean_count, *mean_wave;
     bool compared;
     float *light, *tells, *wave;
     double *score, *information, inflation, freedom;

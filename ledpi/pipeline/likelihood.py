@@ -170,7 +170,7 @@ class LikelihoodPath:
         for quad, track in squares:
             before = track.history.memories[0].last
             like = None if before is None or before.samples is None else before.samples.lattice
-            sampled = self._searches or track.history.identity is None
+            sampled = self._searches
             shown = self._locator.observe(frame, quad, sampled=sampled, like=like)
             if isinstance(shown, Rejected):
                 work.reject(quad.corners_px, shown)
@@ -212,7 +212,7 @@ class LikelihoodPath:
         group = 0 if isinstance(identity, Rejected) else identity.group
         reading = identity if isinstance(identity, Rejected) else identity.reading
         evidence = history.memories[group].evidence(self._weigher)
-        return [SquareTrace(quad=quad, samples=samples, evidence=evidence, reading=reading)]
+        return [SquareTrace(quad=quad, seen=seen, samples=samples, evidence=evidence, reading=reading)]
 
     def _detection(self, quad: Quad, identity: Identity, track: Track) -> Detection:
         assert quad.covariance_px2 is not None, "the localisation measures it"

@@ -8,6 +8,7 @@ from ledpi.core.records import Floats, Quad, Rejected
 from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
+from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import Candidate
 from ledpi.uemura.reader import Steps
 
@@ -26,6 +27,7 @@ class SquareTrace:
     """One lit square, as the method `likelihood` has read it."""
 
     quad: Quad
+    seen: Observation
     samples: CellSamples
     evidence: Evidence | Rejected  # of all frames that were used
     reading: Reading | Rejected

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ledpi.core.records import Floats, Frame, Intrinsics, Mask, Quad
+from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.decision import Reading, read_codeword
+from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.one_frame import read_frame
 from ledpi.decode.locate import Locator
 from ledpi.decode.model.prior import prior
 from ledpi.decode.observation import Observation
@@ -22,26 +24,38 @@ def samples_of(frame: Frame, corners: Floats, lens: Intrinsics | None = None) ->
     return samples
 
 
-def observed(frame: Frame, corners: Floats) -> Observation:
+WEIGHER = LightWeigher(4, None)
+
+
+def observed(frame: Frame, corners: Floats, spec: PanelSpec = SPEC) -> Observation:
     """A panel of 4 × 4 cells as if its lattice had been fitted there; its unknowns are usual ones where none is."""
-    locator = Locator(4, (SPEC,), None, must_blink=False)
-    fitted, unknown = (
-        locator.localise(frame, corners),
-        prior(4, (9.0, 9.0), frame.exposure_us, even=False, faint=True)[0],
-    )
-    lattice = corners
+    locator = Locator(4, (spec,), None, must_blink=False)
+    fitted, lattice = locator.localise(frame, corners), corners
+    unknown = prior(4, (9.0, 9.0), frame.exposure_us, even=False, faint=True)[0]
     if isinstance(fitted, Quad) and fitted.lattice_px is not None and fitted.unknown is not None:
-        unknown = fitted.unknown
-        near = np.abs(fitted.lattice_px - corners).max() < 0.1 * np.linalg.norm(corners[1] - corners[0]) / 4
-        lattice = fitted.lattice_px if near else corners
+        cell_px = np.linalg.norm(corners[1] - corners[0]) / 4
+        if np.abs(fitted.lattice_px - corners).max() < 0.1 * cell_px:
+            lattice, unknown = fitted.lattice_px, fitted.unknown
     seen = locator.observe(frame, Quad(corners_px=lattice, lattice_px=lattice, unknown=unknown))
     assert isinstance(seen, Observation), reason(seen)
     return seen
 
 
+def evidence_at(frame: Frame, corners: Floats, spec: PanelSpec = SPEC) -> Evidence:
+    """Evidence of one frame of a panel there."""
+    evidence = WEIGHER.alone(observed(frame, corners, spec), spec)
+    assert evidence is not None
+    return evidence
+
+
+def read_at(frame: Frame, corners: Floats, book: Codebook) -> Reading | Rejected:
+    """Reads one frame of a panel there."""
+    return read_frame(observed(frame, corners, book.spec), book, WEIGHER)
+
+
 def bands_of(frame: Frame, corners: Floats, book: Codebook) -> Floats:
     """(16, P) that the panel's cells show, which must be read."""
-    reading = read_codeword(samples_of(frame, corners), frame, book)
+    reading = read_at(frame, corners, book)
     assert isinstance(reading, Reading), reason(reading)
     return reading.cell_bands
 

@@ -8,18 +8,19 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from ledpi.core.records import Floats, Frame
+from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
-from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.waves import are_sinusoids
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import SHORTLIST, likeliest_far_pattern, near_pattern_likelihood, rank_codewords
-from ledpi.decode.identify.decision import Reading, decide, odds_needed, read_codeword
+from ledpi.decode.identify.decision import Reading, decide, odds_needed
+from ledpi.decode.identify.one_frame import read_frame
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import SPEC, TRUE_10_MS_US, Canvas, square, word
 from tests.builders.evidence_reference import word_log_likelihoods
-from tests.builders.samples import erased_cells, samples_of
+from tests.builders.samples import WEIGHER, erased_cells, evidence_at, observed, read_at
 
 DICTIONARY = load_dictionary("DICT_4X4_50")
 FLAT = np.arange(16)
@@ -33,11 +34,7 @@ def evidence_of(side: float, seed: int) -> Evidence:
     canvas = Canvas(exposure_us=TRUE_10_MS_US)
     gains = 1 + 0.05 * rng.standard_normal((4, 4))
     canvas.panel(corners, word(7), gains=gains, phases=(rng.uniform(), rng.uniform()))
-    frame: Frame = canvas.frame(seed)
-    samples = samples_of(frame, corners)
-    evidence = single_evidence(samples, frame, SPEC)
-    assert isinstance(evidence, Evidence)
-    return evidence
+    return evidence_at(canvas.frame(seed), corners)
 
 
 def drawn_from(evidence: Evidence, rng: np.random.Generator) -> Evidence:
@@ -104,10 +101,9 @@ def test_patterns_two_cells_off_are_no_words_where_they_are_none(exposure_us: fl
         canvas = Canvas(exposure_us=exposure_us)
         gains = 1 + 0.05 * rng.standard_normal((4, 4))
         canvas.panel(corners, word(7), gains=gains, phases=(rng.uniform(), rng.uniform()))
-        frame = canvas.frame(seed)
-        samples = samples_of(frame, corners)
+        seen = observed(canvas.frame(seed), corners)
         for cells in every:
-            read = read_codeword(samples, frame, codebook_with(shown ^ np.isin(FLAT, cells)))
+            read = read_frame(seen, codebook_with(shown ^ np.isin(FLAT, cells)), WEIGHER)
             taken += [cells] if isinstance(read, Reading) and read.id == 0 else []
     assert taken == []
 
@@ -166,14 +162,11 @@ def test_a_pattern_two_cells_off_a_word_of_a_larger_grid_is_none() -> None:
 
 def test_faint_bands_that_tell_nothing_are_not_looked_at_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """6 px a cell: no second look would make a word of these."""
-    monkeypatch.setattr(decision, "estimate_bands", lambda *_: pytest.fail("looked at twice"))
+    monkeypatch.setattr(LightWeigher, "with_harmonics", lambda *_: pytest.fail("looked at twice"))
     corners, canvas = square(310.3, 240.6, 24, 9), Canvas(exposure_us=TRUE_10_MS_US)
     canvas.panel(corners, word(7))
-    frame = canvas.frame(1)
-    samples = samples_of(frame, corners)
     book = Codebook.build(list(range(50)), DICTIONARY, SPEC)
-    result = decision.read_codeword(samples, frame, book, decision.FALSE_ID_RATE)
-    assert result == decision.NO_CODEWORD
+    assert read_at(canvas.frame(1), corners, book) == decision.NO_CODEWORD
 
 
 def test_neighbours_on_the_largest_grid() -> None:
@@ -245,7 +238,6 @@ def test_a_lattice_a_column_beside_its_panel_shows_no_word(wall: float) -> None:
     for seed in range(4):
         canvas = Canvas(background=wall, exposure_us=TRUE_10_MS_US)
         canvas.panel(true, np.roll(word(7), -1, axis=1), light=0.4)
-        frame = canvas.frame(seed)
-        samples = samples_of(frame, true - (true[1] - true[0]) / 4)
         book = Codebook.build(list(range(50)), DICTIONARY, SPEC)
-        assert not isinstance(decision.read_codeword(samples, frame, book), Reading)
+        aside = true - (true[1] - true[0]) / 4
+        assert not isinstance(read_at(canvas.frame(seed), aside, book), Reading)

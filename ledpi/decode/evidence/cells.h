@@ -52,16 +52,4 @@ typedef struct {
  * 1, x, y in either direction, and by (x², xy) and (xy, y²). Returns the square of what is left to explain. */
 double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Terms *terms, float *columns, double *matrix);
 
-/* What these columns leave of the residual once the unknowns (in the matrix's order) are known: `left` (samples). */
-void ledpi_leave(const Panel *panel, ptrdiff_t gains, const float *columns, const double *unknowns, float *left);
-
-/* Which of a cell's samples are compared: those so many `aside`, or `below` (0: not that way), of each other, without
- * the `rim`'s. */
-typedef struct {
-    ptrdiff_t aside, below, rim;
-} Lags;
-
-/* Sums of the squared differences of samples a lag apart, and two lags: `of` (2,). */
-void ledpi_put_differences(const Panel *panel, const float *left, const Lags *lags, double *of);
-
 #endif

@@ -65,7 +65,6 @@ class CellSamples:
     rows: Singles  # (n·n, k·k), picture row of each sample
     cell_px: tuple[float, float]  # width and height of a cell, in pixels
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
-    linear: bool = False  # interpolated by straight lines
 
 
 @cache
@@ -111,7 +110,6 @@ def sample_cells(
         rows=rows,
         cell_px=cell_px,
         independence=min(1.0, variance * cell_px[0] * cell_px[1] * ((1 - 2 * INSET) / k) ** 2),
-        linear=saturated,
     )
 
 

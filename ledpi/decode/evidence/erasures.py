@@ -17,21 +17,18 @@ from ledpi.decode.evidence.evidence import Evidence
 UNLIT = 1.0 / 3.0
 
 
-def find_unlit_cells(samples: CellSamples, band_light: Singles | None = None) -> Mask:
+def find_unlit_cells(samples: CellSamples, band_light: Singles) -> Mask:
     """(cells,) the cells that give no light of their own.
 
     If bands are deep, a cell may be dark for being in one: `band_light` (cells, points) is even light under the bands.
     """
-    light, valid = samples.light, samples.valid
-    if band_light is not None:  # by least squares: where a cell is to be dark, there is stray light
-        band_light = band_light if valid is None else band_light * valid
-        level = (light * band_light).sum(axis=1) / np.square(band_light).sum(axis=1)
-    else:
-        level = light.sum(axis=1) if valid is None else light.sum(axis=1) / np.maximum(valid.sum(axis=1), 1)
+    shown = band_light if samples.valid is None else band_light * samples.valid
+    # By least squares: where a cell is to be dark, there is stray light.
+    level = (samples.light * shown).sum(axis=1) / np.square(shown).sum(axis=1)
     return np.asarray(level < UNLIT / len(level) * level.sum())
 
 
-def erase_unlit_cells(evidence: Evidence, samples: CellSamples, band_light: Singles | None = None) -> Evidence:
+def erase_unlit_cells(evidence: Evidence, samples: CellSamples, band_light: Singles) -> Evidence:
     """The evidence with the bands of unlit cells marginalised out: it then holds nothing of these cells.
 
     `band_light` as in `find_unlit_cells`.

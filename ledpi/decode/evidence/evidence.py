@@ -16,7 +16,8 @@ For known gains that is linear in p, q and r, at each point by itself. What it c
 what a wrong gain and wrong corners would add (the picture's slope times the shift that each corner's error makes
 there). What is left is correlated with a cosine and a sine of each wave, in each cell.
 
-`single_frame` does so with one picture; `memory` over several frames, where a is learnt from the frames before.
+`single_frame` does so with deep bands. `light` has the corners, walls and gains of a fit instead, and all that it does
+not know free; `memory` adds up several frames, where a is learnt from the frames before.
 """
 
 from __future__ import annotations
@@ -25,22 +26,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.core.records import Floats, Frame, PanelSpec, Rejected
-from ledpi.decode.evidence.cells import CellSamples
-from ledpi.decode.evidence.noise import WHITE, Correlation, lags_of, white_noise_expected
-from ledpi.decode.evidence.waves import band_prior
+from ledpi.core.records import Floats, Rejected
 
 UNFIT = Rejected(stage="identify", reason="unfit")
-
-
-class Weighed(NamedTuple):
-    """Evidence of one fit, and what that has left of the light."""
-
-    score: Floats  # (cells, P)
-    information: Floats  # (cells, P, cells, P)
-    free: float  # samples, less what is fitted
-    near: float  # sum of the squared differences of samples of a cell a lag apart
-    far: float  # and of those two lags apart
 
 
 class Evidence(NamedTuple):
@@ -54,7 +42,6 @@ class Evidence(NamedTuple):
     information: Floats  # (cells, P, cells, P)
     prior: Floats  # (P,) expected variance of x
     residual: float  # log-likelihood of what no bands explain; noise if the model is right
-    noise: Correlation = WHITE  # of the noise that it was weighed by
 
     @property
     def own_information(self) -> Floats:
@@ -67,31 +54,3 @@ class Evidence(NamedTuple):
             bands.shape
         )
         return residual
-
-    def discount(self, noise: Correlation) -> Evidence:
-        """The evidence with the variance inflated for correlated noise: divided by `inflation`."""
-        inflation = noise.inflation
-        if inflation == 1.0:
-            return self
-        return self._replace(
-            score=self.score / inflation,
-            information=self.information / inflation,
-            residual=self.residual / inflation,
-            noise=WHITE,
-        )
-
-
-def evidence_of(
-    found: Weighed | None, samples: CellSamples, frame: Frame, spec: PanelSpec, fitted: int
-) -> Evidence | Rejected:
-    """Evidence for which `fitted` functions were fitted to each cell."""
-    if found is None:
-        return UNFIT
-    cells, parameters = len(samples.light), 2 * len(spec.waves_hz)
-    return Evidence(
-        score=found.score.reshape(cells, parameters),
-        information=found.information.reshape(cells, parameters, cells, parameters),
-        prior=band_prior(frame, spec),
-        residual=0.5 * samples.independence * found.free,
-        noise=white_noise_expected(samples, lags_of(samples), fitted).correlation(found.near, found.far, found.free),
-    )

@@ -8,6 +8,7 @@ not be known.
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -20,16 +21,20 @@ from ledpi.decode.evidence.erasures import UNLIT, erase_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.model.fit import pitch_px_of, solver_view
-from ledpi.decode.model.light import waves
+from ledpi.decode.model.light import fundamentals, waves
 from ledpi.decode.model.panel import Weigher
-from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, prior
+from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, PHASE, prior
 from ledpi.decode.observation import Observation
 from ledpi.kernels.lens import bending_lens_of
 from ledpi.kernels.library import NONE, lib
 
-# Samples along a cell, one a pixel but for these: fewer tell no bands from gains, more no more.
-FEWEST_EACH = 3
+# Samples along a cell, one a pixel but for these: fewer tell no bands from gains. Of several frames, which add up, each
+# may have fewer.
+FEWEST_EACH, MOST_EACH_OF_SEVERAL = 3, 12
 MOST_EACH: int = lib.LEDPI_MOST_EACH
+# Of a frame by itself no sample is in a pixel that a wall's edge may cross: within half of its diagonal. How dark it is
+# hangs on where the edge crosses, in each cell by itself. Half of a small cell is left.
+WALL_PX, MOST_INSET = math.sqrt(0.5), 0.25
 SAME_GRID = 0.15  # by how much a panel may grow or shrink and keep its grid
 
 
@@ -77,11 +82,26 @@ class LightWeigher:
 
         `since_s`: from the moment that bands are counted from to its row 0.
         """
-        return self._weigh(seen, spec, since_s, self._each(seen), None)[1]
+        return self._weigh(seen, spec, since_s, self._each(seen), None, wall_px=WALL_PX)[1]
+
+    def with_harmonics(self, seen: Observation, spec: PanelSpec, bands: Floats) -> Evidence | None:
+        """The evidence of one frame, where waves have the harmonics that an exposure leaves of square ones.
+
+        `bands` (P,) say in which phases: in row 0, as those of `alone`.
+        """
+        unknown, turns = seen.unknown.copy(), np.empty(len(bands), np.float32)
+        tables = fundamentals(spec, seen.frame.exposure_us, seen.frame.row_time_us, seen.window.shrink)
+        for k, (fundamental, lowered) in enumerate(zip(tables[: len(bands) // 2], _lowered(seen, spec), strict=False)):
+            wave = complex(*bands[2 * k : 2 * k + 2])
+            turned = lowered * wave / abs(wave) / abs(fundamental)
+            unknown[PHASE + k] = cmath.phase(fundamental / wave) / math.tau
+            turns[2 * k : 2 * k + 2] = turned.real, turned.imag
+        seen = seen._replace(unknown=unknown)
+        return self._weigh(seen, spec, 0.0, self._each(seen), None, wall_px=WALL_PX, turns=turns)[1]
 
     def first(self, seen: Observation, spec: PanelSpec, since_s: float) -> Mean:
         """A first frame to compare others with; `since_s` as above."""
-        return self._weigh(seen, spec, since_s, self._each(seen), None)[0]
+        return self._weigh(seen, spec, since_s, self._each(seen, MOST_EACH_OF_SEVERAL), None)[0]
 
     def compare(self, seen: Observation, spec: PanelSpec, since_s: float, mean: Mean) -> tuple[Mean, Evidence | None]:
         """A further frame, shifted to where the mean is, and the evidence of how it differs from that."""
@@ -95,11 +115,11 @@ class LightWeigher:
 
     def is_comparable(self, seen: Observation, mean: Mean) -> bool:
         """Tells whether the panel's size in the picture still suits the mean's grid."""
-        return abs(self._each(seen) - mean.each) <= max(1.0, SAME_GRID * mean.each)
+        return abs(self._each(seen, MOST_EACH_OF_SEVERAL) - mean.each) <= max(1.0, SAME_GRID * mean.each)
 
-    def _each(self, seen: Observation) -> int:
+    def _each(self, seen: Observation, most: int = MOST_EACH) -> int:
         pitch = pitch_px_of(seen.lattice_px / seen.window.shrink, self._cells)
-        return min(MOST_EACH, max(FEWEST_EACH, round(math.sqrt(pitch[0] * pitch[1]))))
+        return min(most, max(FEWEST_EACH, round(math.sqrt(pitch[0] * pitch[1]))))
 
     def _weigh(
         self,
@@ -111,11 +131,12 @@ class LightWeigher:
         *,
         built: Floats | None = None,
         compared: bool = False,
+        wall_px: float = 0.0,
+        turns: Singles | None = None,
     ) -> tuple[Mean, Evidence | None]:
         cells, count, frame, window = self._cells, len(spec.waves_hz), seen.frame, seen.window
-        steps_px = [pitch / each for pitch in pitch_px_of(seen.lattice_px / window.shrink, cells)]
+        lines, steps_px = _lines(cells, each, pitch_px_of(seen.lattice_px / window.shrink, cells), wall_px)
         unknown = seen.unknown if built is None else np.where(_built_in(cells), built, seen.unknown)
-        lines = (np.arange(cells * each) + 0.5) / each
         shape, parameters = (len(lines), len(lines)), 2 * count
         light, tells, wave = (np.zeros(of, np.float32) for of in (shape, shape, (parameters, *shape)))
         score, information = np.empty((cells**2, parameters)), np.empty((cells**2, parameters) * 2)
@@ -134,7 +155,9 @@ class LightWeigher:
             },
             waves=count,
             cycles_before=[math.fmod(hz * since_s, 1.0) for hz in (spec.black_hz, spec.white_hz)],
+            lowered=_lowered(seen, spec),
             step_px=steps_px,
+            turns=NONE if turns is None else turns,
             mean_light=NONE if mean is None else mean.light,
             mean_count=NONE if mean is None else mean.count,
             mean_wave=NONE if mean is None else mean.waves,
@@ -168,6 +191,20 @@ class LightWeigher:
             residual=0.5 * weighed.freedom / weighed.inflation,
         )
         return erase_cells(evidence, np.asarray(gains < UNLIT * gains.mean()))
+
+
+def _lowered(seen: Observation, spec: PanelSpec) -> list[float]:
+    """To how much of black's wave, and of white's, the mean of as many rows lowers it as a window averages."""
+    row_s = seen.frame.row_time_us * 1e-6
+    return [float(np.sinc(hz * seen.window.shrink * row_s)) for hz in (spec.black_hz, spec.white_hz)]
+
+
+def _lines(cells: int, each: int, pitch_px: tuple[float, float], wall_px: float) -> tuple[Floats, list[float]]:
+    """(lines,) of a grid in cells, `each` a cell, so far from its borders; and the steps across and down, in pixels."""
+    inset = min(MOST_INSET, wall_px / math.sqrt(pitch_px[0] * pitch_px[1]))
+    step = (1.0 - 2.0 * inset) / each
+    lines = np.arange(cells)[:, None] + inset + step * (np.arange(each) + 0.5)
+    return lines.reshape(-1), [step * pitch for pitch in pitch_px]
 
 
 def _built_in(cells: int) -> NDArray[np.bool_]:

@@ -166,21 +166,6 @@ LEDPI_SIMD static void split(const Panel *panel, const Sources *sources, const f
     }
 }
 
-/* Takes what the cells share at each point off what is left of the light (samples). `seen` (padded cells) is room. */
-LEDPI_SIMD static void take_off(const Panel *panel, const Sources *sources, const float **bases, float *seen, float *left) {
-    const ptrdiff_t cells = panel->cells, points = panel->points, wide = padded(cells);
-    for (ptrdiff_t p = 0, s = 0; p < points; p++) {
-        for (ptrdiff_t c = 0; c < cells; c++) seen[c] = left[c * points + p];
-        for (; s < (p + 1 < points ? sources->first[p + 1] : sources->count); s++) {
-            const float along = product(bases[s], seen, wide);
-            for (ptrdiff_t c = 0; c < wide; c++) seen[c] -= along * bases[s][c];
-        }
-        for (ptrdiff_t c = 0; c < cells; c++) left[c * points + p] = seen[c];
-    }
-    for (ptrdiff_t i = 0; panel->valid && i < panel->samples; i++)
-        if (!panel->valid[i]) left[i] = 0.0f;
-}
-
 /* What a source takes from the matrix is the square of this row of its unknowns. */
 static inline void put_row(const Panel *panel, const float *basis, const float *columns, ptrdiff_t waves, float *row) {
     const ptrdiff_t cells = panel->cells, apart = panel->points * width_of(panel);
@@ -280,15 +265,13 @@ LEDPI_SIMD static ptrdiff_t whiten(const Panel *panel, const BandEstimate *estim
     return used;
 }
 
-/* `score` (cells, waves), `information` (cells, waves, cells, waves), and three `numbers`: how many samples are free, and
- * two sums of what is left of the light (`ledpi_put_differences`). False where that cannot be had. */
+/* `score` (cells, waves), `information` (cells, waves, cells, waves), and how many samples are `free`. False where that cannot be
+ * had. */
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
                            const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,
                            const int64_t *first, const int64_t *met, const float *shown, const float *of_class,
-                           const uint8_t *white, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
-                           double *score, double *information, double *numbers) {
+                           const uint8_t *white, double independence, double *score, double *information, double *free_samples) {
     const Panel panel = {side, k, count, side * side, k * k, side * side * k * k, valid, along};
-    const Lags lags = {aside, below, rim};
     const Sources sources = {source_count, column, first, met};
     const BandEstimate estimate = {shown, of_class, white};
     const ptrdiff_t size = unknowns(&panel, panel.cells);
@@ -304,15 +287,9 @@ bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const f
     const Terms terms = {room.still, room.root, waves, room.across, room.down, room.residual};
     const double squares = ledpi_add_cells(&panel, panel.cells, &terms, room.columns, room.matrix);
     take_shared(&panel, &sources, room.bases, room.columns, room.rows, room.sums, room.matrix);
-    numbers[0] = (double)(used - source_count + 1 - size);
-    const bool fits = ledpi_weigh(room.matrix, size, panel.cells + SLOPES, squares, numbers[0], independence, score,
+    *free_samples = (double)(used - source_count + 1 - size);
+    const bool fits = ledpi_weigh(room.matrix, size, panel.cells + SLOPES, squares, *free_samples, independence, score,
                                   information);
-    if (fits) {
-        ledpi_solve(room.matrix, size, room.unknowns);
-        ledpi_leave(&panel, panel.cells, room.columns, room.unknowns, room.residual);
-        take_off(&panel, &sources, room.bases, vectors, room.residual);
-        ledpi_put_differences(&panel, room.residual, &lags, numbers + 1);
-    }
     free(room.matrix);
     return fits;
 }

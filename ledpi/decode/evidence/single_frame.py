@@ -12,65 +12,45 @@ are what is left for the bands, a and b being the right sides, and σ² the mean
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
+from ledpi.core.records import Frame, PanelSpec, Rejected
 from ledpi.decode.evidence.band_estimate import BandEstimate
 from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.erasures import erase_unlit_cells
-from ledpi.decode.evidence.evidence import Evidence, Weighed, evidence_of
-from ledpi.decode.evidence.noise import lags_of
-from ledpi.decode.evidence.occlusion import bands_mimic_occlusion, mask_occluded
+from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.shared_light import border_points, contributing_cells, sources_of
-from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep_anywhere
+from ledpi.decode.evidence.waves import band_prior, class_waves
 from ledpi.kernels.library import lib, pointer
 
 
 def single_evidence(
-    samples: CellSamples,
-    frame: Frame,
-    spec: PanelSpec,
-    waves: Singles | None = None,
-    estimate: BandEstimate | None = None,
+    samples: CellSamples, frame: Frame, spec: PanelSpec, estimate: BandEstimate | None = None
 ) -> Evidence | Rejected:
-    """The evidence of one picture; `waves` are its bands' shapes where it is no plain frame but a mean of several.
+    """The evidence of one picture.
 
     Where bands are deep, what cells have in common only shows once the bands are known: so with what is `estimate`
     the static picture is what is left when that is divided out, and evidence is on how far the bands differ from it.
     """
-    prior = band_prior(frame, spec)
-    if estimate is None and not bands_mimic_occlusion(math.sqrt(2.0 * float(prior.max()))):
-        samples = mask_occluded(samples)
-    if estimate is not None:
-        waves = estimate.waves
-    elif waves is None:
-        waves = class_waves(samples, frame, spec)
-    evidence = evidence_of(weighed(samples, waves, estimate), samples, frame, spec, 1 + len(waves))
-    if isinstance(evidence, Rejected):
-        return evidence
-    evidence = evidence.discount(evidence.noise)
-    if estimate is not None:  # from the difference to the estimate, to the bands themselves
-        estimate_score = np.einsum("cidj,dj->ci", evidence.information, estimate.bands)
-        evidence = evidence._replace(score=evidence.score + estimate_score)
-    if not is_deep_anywhere(prior):
-        return erase_unlit_cells(evidence, samples)
-    return evidence if estimate is None else erase_unlit_cells(evidence, samples, estimate.band_light())
-
-
-def weighed(samples: CellSamples, waves: Singles, estimate: BandEstimate | None) -> Weighed | None:
-    """Evidence on these waves (P, cells, points), whatever the noise is like; None where nothing fits."""
+    waves = class_waves(samples, frame, spec) if estimate is None else estimate.waves
     cells, parameters, lattice = len(samples.light), len(waves), samples.lattice
     sources = sources_of(lattice.k, border_points(samples))
     estimated = (None, None, None) if estimate is None else (estimate.band_light(), estimate.light, estimate.white)
-    score, numbers = np.empty((cells, parameters)), np.empty(3)
+    score, free = np.empty((cells, parameters)), np.empty(1)
     information = np.empty((cells, parameters, cells, parameters))
     light, waves = np.ascontiguousarray(samples.light), np.ascontiguousarray(waves)
     fits = lib.ledpi_single_evidence(
         *(lattice.cells, lattice.k, parameters, pointer(light), pointer(samples.valid), pointer(waves)),
         *(pointer(lattice.along), len(sources.column), pointer(sources.column), pointer(sources.first)),
         *(pointer(contributing_cells(lattice.cells)), *map(pointer, estimated)),
-        *(samples.independence, *lags_of(samples), pointer(score), pointer(information), pointer(numbers)),
+        *(samples.independence, pointer(score), pointer(information), pointer(free)),
     )
-    return Weighed(score, information, *numbers.tolist()) if fits else None
+    if not fits:
+        return UNFIT
+    residual = 0.5 * samples.independence * float(free[0])
+    evidence = Evidence(score=score, information=information, prior=band_prior(frame, spec), residual=residual)
+    if estimate is None:
+        return evidence
+    # From the difference to the estimate, to the bands themselves.
+    of_estimate = np.einsum("cidj,dj->ci", evidence.information, estimate.bands)
+    return erase_unlit_cells(evidence._replace(score=score + of_estimate), samples, estimate.band_light())

@@ -55,11 +55,6 @@ def is_deep_anywhere(prior: Floats) -> bool:
     return math.sqrt(2.0 * max(prior.tolist())) > FULL_DEPTH
 
 
-def is_faint(prior: Floats) -> bool:
-    """Tells whether bands are nowhere so deep that what a model leaves open may be more than noise."""
-    return math.sqrt(2.0 * max(prior.tolist())) <= FAINT_DEPTH
-
-
 @lru_cache(maxsize=64)
 def are_sinusoids(exposure_us: float, spec: PanelSpec) -> bool:
     """Tells whether the exposure leaves so little else that all that a model by sinusoids leaves open is noise."""
@@ -70,11 +65,11 @@ def are_sinusoids(exposure_us: float, spec: PanelSpec) -> bool:
     return first <= FAINT_DEPTH and max(further) <= MOST_HARMONIC * first
 
 
-def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0) -> Singles:
-    """(P, cells, points): cosine and sine of each of the panel's waves; `since_s` from the origin to row 0."""
+def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec) -> Singles:
+    """(P, cells, points): cosine and sine of each of the panel's waves, from row 0 on."""
     out = np.empty((2 * len(spec.waves_hz), *samples.rows.shape), np.float32)
     for k, hz in enumerate(spec.waves_hz):
-        cycles = samples.rows * np.float32(hz * frame.row_time_us * 1e-6) + np.float32(math.fmod(hz * since_s, 1.0))
+        cycles = samples.rows * np.float32(hz * frame.row_time_us * 1e-6)
         angle = np.float32(2.0 * math.pi) * (cycles - np.rint(cycles))
         np.cos(angle, out=out[2 * k])
         np.sin(angle, out=out[2 * k + 1])

@@ -18,18 +18,11 @@ from functools import cache
 from statistics import NormalDist
 from typing import NamedTuple
 
-import numpy as np
-
-from ledpi.core.records import Floats, Frame, Rejected
-from ledpi.decode.evidence.band_estimate import estimate_bands
-from ledpi.decode.evidence.cells import CellSamples
+from ledpi.core.records import Floats, Rejected
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
-from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.waves import are_sinusoids, is_deep_anywhere, is_faint
 from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import Fit, rank_codewords
-from ledpi.decode.identify.first_pass import first_pass
 from ledpi.decode.identify.plausibility import all_rows_blink, is_plausible, misfit_inflation, settles_deep_bands
 
 NO_BANDS = Rejected(stage="identify", reason="no_bands")
@@ -43,13 +36,6 @@ IMPLAUSIBLE = Rejected(stage="identify", reason="implausible_depth")
 # costs is measured by benchmarks/accuracy/false_ids.py. (Of 100,000 frames of decoys a rate ten times as high let one
 # be read.)
 FALSE_ID_RATE = 1e-6
-# Faint bands are looked at once where more than so much is missing of the odds against other patterns: of
-# 89 panels at 1.6 to 2.5 m that a second pass has read it was 5.1 nats at most.
-SECOND_PASS_GAIN = 6.0
-# An estimate is fitted to the light, so it explains more, of a lamp too. Of
-# what a codeword explains a second pass adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and
-# 26 to 80 % where a lamp does that blinks alike everywhere.
-MAX_SECOND_PASS_GAIN = 0.2
 
 
 class Reading(NamedTuple):
@@ -63,109 +49,9 @@ class Reading(NamedTuple):
     cell_bands: Floats  # (cells, P) cosine and sine of each wave, as each cell shows them
 
 
-def read_codeword(
-    samples: CellSamples,
-    frame: Frame,
-    codebook: Codebook,
-    false_id_rate: float = FALSE_ID_RATE,
-) -> Reading | Rejected:
-    """The codeword that these samples show by themselves, or the reason why there is none.
-
-    There are two passes if the second may change the answer, or if the exposure leaves more than sinusoids. The first
-    fits sinusoids. The second starts from its estimate: it fits what the exposure leaves of a square wave, and the
-    static picture that remains.
-    """
-    spec = codebook.spec
-    first_result = first_pass(samples, frame, spec, codebook.white)
-    if isinstance(first_result, Rejected):
-        return first_result
-    evidence, fit = first_result
-    first = _judge(fit, evidence, codebook, false_id_rate)
-    if isinstance(first, Reading):
-        if are_sinusoids(frame.exposure_us, spec):
-            return first
-    elif not _is_open(first, fit, evidence, codebook, false_id_rate):
-        return first
-    return _second_pass(first, first_result, samples, frame, codebook, false_id_rate)
-
-
-def _second_pass(
-    first: Reading | Rejected,
-    first_result: tuple[Evidence, Fit],
-    samples: CellSamples,
-    frame: Frame,
-    codebook: Codebook,
-    false_id_rate: float,
-) -> Reading | Rejected:
-    """The codeword of the first pass, or one that it left open, by the exact waveform; or a reason against it.
-
-    It starts from the codeword's cells and so favours them: those that are surely of the other class start as such.
-    """
-    spec, (evidence, fit) = codebook.spec, first_result
-    white = (codebook.white[fit.codewords[0]] > 0) ^ (np.array(fit.gain) > odds_needed(false_id_rate))
-    estimate = estimate_bands(samples, frame, spec, white, fit.bands)
-    again = single_evidence(samples, frame, spec, estimate=estimate)
-    if isinstance(again, Rejected):
-        return again
-    refit = rank_codewords(again, codebook.white)
-    if refit.codewords[0] != fit.codewords[0]:
-        return INCONSISTENT
-    second = _judge(refit, again, codebook, false_id_rate)
-    if isinstance(second, Rejected):
-        return second
-    if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
-        needed = odds_needed(false_id_rate)
-        if second.likelihood > (1.0 + MAX_SECOND_PASS_GAIN) * fit.likelihood[0]:
-            return INCONSISTENT
-        if (
-            not hypotheses.odds_under_either_estimate(first_result, (again, refit), samples, frame, codebook, needed)
-            >= needed
-        ):
-            return AMBIGUOUS
-        if not hypotheses.odds_against_single_light(fit, samples, frame, codebook) >= needed:
-            return NO_CODEWORD
-    return second._replace(cell_bands=estimate.restore_phases(second.cell_bands))
-
-
-def _is_open(first: Rejected, fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
-    """Tells whether a second pass may change the result of the first."""
-    if first in (NO_BANDS, UNFIT):
-        return False
-    contradicted = _is_contradicted(fit, evidence, codebook, false_id_rate)
-    return not contradicted and not _is_hopeless(fit, evidence, codebook, false_id_rate)
-
-
-def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
-    """Tells whether the evidence is already against the best codeword: too many cells, or all of one class.
-
-    Too many are more cells of the other class than the dictionary can correct. A second pass starts from the codeword's
-    cells and so favours them: it may settle what was open, but not what was decided against the codeword.
-    """
-    needed = odds_needed(false_id_rate)
-    if sum(gain > needed for gain in fit.gain) > codebook.correctable:
-        return True
-    if not is_deep_anywhere(evidence.prior):
-        return False
-    misfit = fit.of_cells - fit.likelihood[0]  # by which either may be wrong
-    return fit.likelihood[0] - fit.single_class < needed + misfit
-
-
-def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
-    """Tells whether a second pass over faint bands, which gains little, cannot gain what is missing."""
-    if not is_faint(evidence.prior):
-        return False
-    return hypotheses.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_PASS_GAIN
-
-
-def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
-    ids, best = codebook.ids, fit.codewords[0]
-    others = (of for codeword, of in zip(fit.codewords, fit.likelihood, strict=True) if ids[codeword] != ids[best])
-    return float(fit.likelihood[0] - next(others, 0.0))  # the likeliest of them comes first
-
-
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
     """The codeword that the evidence supports, or the reason why there is none."""
-    return _judge(rank_codewords(evidence, codebook.white), evidence, codebook, false_id_rate)
+    return judge(rank_codewords(evidence, codebook.white), evidence, codebook, false_id_rate)
 
 
 @cache
@@ -178,8 +64,8 @@ def odds_needed(false_id_rate: float) -> float:
     return 0.5 * NormalDist().inv_cdf(false_id_rate) ** 2
 
 
-def _judge(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
-    """The best codeword, if it beats all alternatives."""
+def judge(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+    """The best codeword of a fit to the evidence, if it beats all alternatives."""
     needed = odds_needed(false_id_rate)
     best, none = fit.codewords[0], fit.likelihood[0]
     if none < needed:
@@ -208,6 +94,28 @@ def _judge(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: floa
         amplitude=(amplitude[0], amplitude[-1]),
         cell_bands=fit.cell_bands,
     )
+
+
+def surest_bands(fit: Fit, codebook: Codebook, false_id_rate: float) -> Floats | None:
+    """The bands (P,) of the best codeword, if only patterns near it are open; None where their phases are.
+
+    Cells that deviate from the codeword show the same bands.
+    """
+    needed = odds_needed(false_id_rate)
+    if not fit.likelihood[0] >= needed or not fit.is_finite:
+        return None
+    odds = (
+        _odds_against_other_ids(fit, codebook),
+        hypotheses.odds_against_negative(fit.negative, codebook, fit.likelihood[0]),
+        hypotheses.odds_against_single_class(fit, codebook),
+    )
+    return fit.bands if min(odds) >= needed else None
+
+
+def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
+    ids, best = codebook.ids, fit.codewords[0]
+    others = (of for codeword, of in zip(fit.codewords, fit.likelihood, strict=True) if ids[codeword] != ids[best])
+    return float(fit.likelihood[0] - next(others, 0.0))  # the likeliest of them comes first
 
 
 def select_best(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:

@@ -25,16 +25,23 @@ typedef struct {
 
 ptrdiff_t ledpi_panel_evidence_room(void) { return (ptrdiff_t)sizeof(Room); }
 
-/* Cosine and sine of each wave in a sample's row. */
-static LEDPI_INLINE void put_waves(const Weighing *w, float row, float waves[FREE - 1]) {
+/* Cosine and sine of each wave in a sample's row; where its phase is known, with the harmonics that it then has: the wave there and
+ * its slope, turned to a phase of 0. */
+static LEDPI_INLINE void put_waves(const Weighing *w, const Samples *s, int lane, float waves[FREE - 1]) {
     for (ptrdiff_t k = 0; k < w->asked->waves; k++) {
-        const float cycles = (float)w->asked->cycles_before[k] + row * (float)w->fit.panel.cycles_a_row[k];
+        if (w->asked->turns) {
+            const float wave = s->wave[k][lane], later = s->later[k][lane] / (float)TURN, *const turn = w->asked->turns + 2 * k;
+            waves[2 * k] = turn[0] * wave + turn[1] * later, waves[2 * k + 1] = turn[1] * wave - turn[0] * later;
+            continue;
+        }
+        const float cycles = (float)w->asked->cycles_before[k] + s->row[lane] * (float)w->fit.panel.cycles_a_row[k];
         const float angle = (float)TURN * (cycles - rintf(cycles));
-        waves[2 * k] = cosf(angle), waves[2 * k + 1] = sinf(angle);
+        waves[2 * k] = (float)w->asked->lowered[k] * cosf(angle), waves[2 * k + 1] = (float)w->asked->lowered[k] * sinf(angle);
     }
 }
 
-/* Puts the cells that meet at a sample, their gains' slopes in the last of their FREE. Returns what they show of bands. */
+/* Puts the cells that meet at a sample: the slopes of their light by gain in the last of their FREE, how much the fit's bands add
+ * to it in the first; of a mean of frames, which has others, none. Returns these bands. */
 static LEDPI_INLINE float put_met(const Weighing *w, const Samples *s, int lane, const Lines *across, const Line *down, Met *met) {
     float bands = 0.0f;
     met->shown = 0.0f;
@@ -43,10 +50,13 @@ static LEDPI_INLINE float put_met(const Weighing *w, const Samples *s, int lane,
             if (!(across->light[i][lane] * down->light[j] > NO_LIGHT)) continue;
             met->cell[met->count] = down->cell[j] * w->fit.panel.cells + across->cell[i][lane];
             const double *unknown = w->fit.unknown + COMMON + OWN * met->cell[met->count];
-            const float by_gain = s->own[j][i][0][lane];
-            met->by[met->count++][FREE - 1] = by_gain;
-            met->shown += (float)unknown[0] * by_gain;
-            for (int k = 0; k < 2; k++) bands += (float)unknown[1 + k] * s->own[j][i][1 + k][lane];
+            const float by_gain = s->own[j][i][0][lane], light = (float)unknown[0] * by_gain;
+            float own = 0.0f, *const by = met->by[met->count++];
+            for (int k = 0; k < 2; k++) own += (float)unknown[1 + k] * s->own[j][i][1 + k][lane];
+            by[0] = w->asked->mean_light ? 0.0f : fminf(1.0f, fmaxf(-1.0f, own / fmaxf(light, 1e-12f)));
+            by[FREE - 1] = by_gain;
+            met->shown += light * (1.0f + by[0]);
+            bands += own;
         }
     return bands;
 }
@@ -62,7 +72,7 @@ static LEDPI_INLINE Shown shown_at(const Weighing *w, const Samples *s, int lane
     const ptrdiff_t all = w->fit.lines * w->fit.lines;
     const float seen = s->seen[lane], steady = s->predicted[lane] - bands;
     Shown shown = {.left = seen - steady, .level = 0.0f, .deviation = 1.0f};
-    put_waves(w, s->row[lane], shown.waves);
+    put_waves(w, s, lane, shown.waves);
     asked->light[at] = seen, asked->tells[at] = 1.0f;
     for (ptrdiff_t p = 0; p < 2 * asked->waves; p++) asked->wave[p * all + at] = shown.waves[p];
     if (!asked->mean_light) return shown;
@@ -80,10 +90,11 @@ static LEDPI_INLINE void put_sample(const Weighing *w, const Samples *s, int lan
     const ptrdiff_t gain = !w->asked->compared;
     for (int k = 0; k < DENSE; k++) columns[k] = less * s->by[k][lane];
     columns[RESIDUAL] = weight * shown->left, columns[LEVEL] = weight * shown->level, columns[PHASE + 1] = 0.0f;
+    if (gain) columns[DARK] = 0.0f;
     for (int m = 0; m < met->count; m++) {
         const float by_gain = weight * met->by[m][FREE - 1], light = by_gain * (float)w->fit.unknown[COMMON + OWN * met->cell[m]];
+        if (gain) met->by[m][0] = by_gain * (1.0f + met->by[m][0]);
         for (ptrdiff_t p = 0; p < 2 * w->asked->waves; p++) met->by[m][gain + p] = light * shown->waves[p];
-        if (gain) met->by[m][0] = by_gain;
     }
     met->shown *= weight;
 }
@@ -136,8 +147,38 @@ static LEDPI_SIMD void take_shared_off(const Weighing *w, ptrdiff_t across, ptrd
             if (sums->met[j][i].count) sums->left[j][i] -= (float)(with_left / fmax(shown2, 1e-12)) * sums->met[j][i].shown;
 }
 
+static LEDPI_INLINE void weigh(float root, ptrdiff_t j, ptrdiff_t i, Sums *sums) {
+    Met *const met = &sums->met[j][i];
+    for (int k = 0; k < DENSE; k++) sums->columns[j][i][k] *= root;
+    for (int m = 0; m < met->count; m++)
+        for (int k = 0; k < FREE; k++) met->by[m][k] *= root;
+    met->shown *= root, sums->left[j][i] *= root, sums->root[j][i] *= root;
+}
+
+/* Weighs each place of a cell by what the fit, and what cells share, leave there and around it in all cells: they are less alike
+ * beside walls than within. */
+static LEDPI_SIMD void weigh_places(const Weighing *w, Sums *sums) {
+    const ptrdiff_t each = w->each, lines = w->fit.lines;
+    double left2[MOST_EACH + 2][MOST_EACH + 2] = {{0}}, count[MOST_EACH + 2][MOST_EACH + 2] = {{0}}, all2 = 0.0;
+    float root[MOST_EACH][MOST_EACH];
+    for (ptrdiff_t j = 0; j < lines; j++)
+        for (ptrdiff_t i = 0; i < lines; i++) {
+            if (!sums->met[j][i].count) continue;
+            const double square = sums->left[j][i] * sums->left[j][i];
+            left2[1 + j % each][1 + i % each] += square, count[1 + j % each][1 + i % each] += 1.0, all2 += square;
+        }
+    for (ptrdiff_t j = 0; j < each; j++)
+        for (ptrdiff_t i = 0; i < each; i++) {
+            double around2 = 0.0, around = 0.0;
+            for (ptrdiff_t k = 0; k < 9; k++) around2 += left2[j + k / 3][i + k % 3], around += count[j + k / 3][i + k % 3];
+            root[j][i] = (float)sqrt(all2 / fmax((double)sums->samples, 1.0) * around / fmax(around2, 1e-12));
+        }
+    for (ptrdiff_t j = 0; j < lines; j++)
+        for (ptrdiff_t i = 0; i < lines; i++) weigh(root[j % each][i % each], j, i, sums);
+}
+
 /* Weighs each block by what the fit, and what cells share, leave there. Returns their variance. */
-static LEDPI_SIMD double weigh_samples(const Weighing *w, Work *work, Sums *sums) {
+static LEDPI_SIMD double weigh_blocks(const Weighing *w, Work *work, Sums *sums) {
     const ptrdiff_t cells = w->fit.panel.cells, lines = w->fit.lines;
     const double *const along = w->fit.along;
     double left2 = 0.0;
@@ -153,14 +194,8 @@ static LEDPI_SIMD double weigh_samples(const Weighing *w, Work *work, Sums *sums
     ledpi_panel_weigh_blocks(cells, work);
     for (ptrdiff_t j = 0; j < lines; j++)
         for (ptrdiff_t i = 0; i < lines; i++) {
-            Met *const met = &sums->met[j][i];
-            const float root = (float)sqrt(work->weight[ledpi_panel_block(along[i], along[j], cells)]);
-            left2 += root * root * sums->left[j][i] * sums->left[j][i];
-            for (int k = 0; k < DENSE; k++) sums->columns[j][i][k] *= root;
-            for (int m = 0; m < met->count; m++)
-                for (int k = 0; k < FREE; k++) met->by[m][k] *= root;
-            met->shown *= root;
-            sums->root[j][i] *= root;
+            weigh((float)sqrt(work->weight[ledpi_panel_block(along[i], along[j], cells)]), j, i, sums);
+            if (sums->met[j][i].count) left2 += sums->left[j][i] * sums->left[j][i];
         }
     return left2 / fmax((double)sums->samples, 1.0);
 }
@@ -297,7 +332,8 @@ bool ledpi_panel_evidence(PanelEvidence *asked, uint8_t *room) {
     ledpi_panel_put_grid(&w.fit, h, work);
     put_samples(&w, work, sums);
     if (!asked->compared) each_place(&w, take_shared_off, sums);
-    const double variance = weigh_samples(&w, work, sums);
+    if (!asked->mean_light) weigh_places(&w, sums); /* of a mean the fit has no bands, so they would be left there */
+    const double variance = weigh_blocks(&w, work, sums);
     sum_up(&w, sums);
     const double squares = put_matrix(&w, sums, variance);
     asked->freedom = (double)(sums->samples - sums->places) - sums->fitted;

@@ -11,7 +11,7 @@ from ledpi.core.records import Frame, PanelSpec
 from ledpi.decode.evidence.classes import band_shares, flip_classes
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.decision import Reading, decide, read_codeword
+from ledpi.decode.identify.decision import Reading, decide
 from ledpi.decode.identify.frequency_search import propose_frequencies
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
@@ -30,7 +30,7 @@ from tests.builders.decode import (
     square,
     word,
 )
-from tests.builders.samples import observed, samples_of
+from tests.builders.samples import observed, read_at
 
 HZ = 1254.0  # of which 150 µs hold a fifth of a cycle, 10 ms twelve and a half
 ANTIPHASE = dataclasses.replace(SPEC, black_hz=HZ, white_hz=HZ, phase="antiphase")
@@ -59,8 +59,7 @@ def shown(
 
 def read(frame: Frame, side: float, seed: int, codebook: Codebook) -> tuple[int, int] | str:
     rng = np.random.default_rng(seed)
-    samples = samples_of(frame, square(310 + rng.uniform(), 240 + rng.uniform(), side, 4))
-    result = read_codeword(samples, frame, codebook)
+    result = read_at(frame, square(310 + rng.uniform(), 240 + rng.uniform(), side, 4), codebook)
     return (result.id, result.quarter_turns) if isinstance(result, Reading) else result.key
 
 

@@ -7,13 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ledpi.core.records import Floats, Frame, PanelSpec, Rejected, Transfer
-from ledpi.decode.evidence.cells import sample_cells
-from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.core.records import Floats, PanelSpec, Rejected, Transfer
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
-from ledpi.decode.identify.decision import Reading, read_codeword
+from ledpi.decode.identify.decision import Reading
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import (
     SHORT_US,
@@ -26,22 +23,16 @@ from tests.builders.decode import (
     diffuser,
     drawn,
     flat,
-    quad,
     square,
     word,
 )
-from tests.builders.samples import samples_of
+from tests.builders.samples import evidence_at, read_at
 
 ALL = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 # Patterns by the number of cells in which they differ from the nearest word of the dictionary, however it is turned
 # (from a search over all 65536; words differ from each other in three cells or more).
 TWO_OFF = ("1001/1110/0001/0010", "0111/1100/1110/0101", "1101/0110/1011/0010")
 FURTHER_OFF = ("0000/0100/0101/1110", "0001/0100/0011/1110", "1001/0011/1100/0010", "1110/1011/0010/1101")
-
-
-def read_at(frame: Frame, corners: Floats, codebook: Codebook = ALL) -> Reading | Rejected:
-    samples = samples_of(frame, corners)
-    return read_codeword(samples, frame, codebook)
 
 
 def panel_shown(
@@ -62,7 +53,7 @@ def panel_shown(
     canvas = Canvas(exposure_us=exposure_us, transfer=transfer)
     phases = (float(rng.uniform()), float(rng.uniform()))
     canvas.panel(corners, cells, light=light, profile=profile, gains=gains, spec=spec, phases=phases)
-    return read_at(canvas.frame(seed), corners)
+    return read_at(canvas.frame(seed), corners, ALL)
 
 
 def reading_of(result: Reading | Rejected) -> tuple[int, int] | str:
@@ -81,11 +72,7 @@ def test_a_near_panel_leaves_little_open(side: float) -> None:
     """A twentieth of what its word explains, beside the noise: cells differ by no more than that of their bands."""
     canvas, corners = Canvas(), square(310.3, 240.6, side)
     canvas.panel(corners, word(7))
-    frame = canvas.frame()
-    samples = samples_of(frame, corners)
-    evidence = single_evidence(samples, frame, SPEC)
-    assert isinstance(evidence, Evidence)
-    fit = rank_codewords(evidence, ALL.white)
+    fit = rank_codewords(evidence_at(canvas.frame(), corners), ALL.white)
     by_noise = 0.5 * 15 * 4  # in 15 cells that need not be as the first
     assert fit.of_cells - fit.likelihood[0] < by_noise + 0.05 * fit.likelihood[0]
 
@@ -105,7 +92,7 @@ def test_corners_that_are_a_little_off_do_not_matter(seed: int) -> None:
     canvas, corners = Canvas(), square(310.3, 240.6, 100, 4)
     canvas.panel(corners, word(7))
     off = corners + 0.2 * np.random.default_rng(seed).standard_normal((4, 2))
-    assert reading_of(read_at(canvas.frame(seed), off)) == (7, 0)
+    assert reading_of(read_at(canvas.frame(seed), off, ALL)) == (7, 0)
 
 
 def test_an_oblique_panel_is_read() -> None:
@@ -113,7 +100,7 @@ def test_an_oblique_panel_is_read() -> None:
     corners = np.array([[280.3, 140.6], [351.7, 162.2], [352.1, 317.4], [279.8, 341.9]])
     canvas = Canvas()
     canvas.panel(corners, word(42))
-    assert reading_of(read_at(canvas.frame(), corners)) == (42, 0)
+    assert reading_of(read_at(canvas.frame(), corners, ALL)) == (42, 0)
 
 
 def test_uneven_leds_do_not_matter() -> None:
@@ -131,7 +118,7 @@ def test_hot_spots_that_saturate_do_not_matter() -> None:
 
     canvas, corners = Canvas(), square(310.3, 240.6, 140, 4)
     canvas.panel(corners, word(7), light=0.5, profile=hot)
-    assert reading_of(read_at(canvas.frame(), corners)) == (7, 0)
+    assert reading_of(read_at(canvas.frame(), corners, ALL)) == (7, 0)
 
 
 def test_other_frequencies_and_duty_are_read_where_they_are_known() -> None:
@@ -229,7 +216,7 @@ def test_light_without_bands_is_rejected_as_such(side: float) -> None:
     canvas, corners = Canvas(), square(310.3, 240.6, side, 4)
     canvas.lamp(corners, 0.4)
     for seed in range(4):
-        assert reading_of(read_at(canvas.frame(seed), corners)) == "identify.no_bands"
+        assert reading_of(read_at(canvas.frame(seed), corners, ALL)) == "identify.no_bands"
 
 
 @pytest.mark.parametrize("side", [26, 40, 60, 100, 200])
@@ -238,7 +225,7 @@ def test_a_panel_that_is_lit_but_does_not_blink_is_rejected(side: float) -> None
     canvas, corners = Canvas(), square(310.3, 240.6, side, 4)
     canvas.lamp(corners, 0.4, profile=diffuser)
     for seed in range(4):
-        assert isinstance(read_at(canvas.frame(seed), corners), Rejected)
+        assert isinstance(read_at(canvas.frame(seed), corners, ALL), Rejected)
 
 
 def printed_marker(u: Floats, v: Floats) -> Floats:
@@ -265,7 +252,7 @@ def test_a_still_texture_is_rejected(side: float, texture: object) -> None:
     canvas, corners = Canvas(), square(310.3, 240.6, side, 4)
     canvas.lamp(corners, 0.4, profile=texture)
     for seed in range(3):
-        assert isinstance(read_at(canvas.frame(seed), corners), Rejected)
+        assert isinstance(read_at(canvas.frame(seed), corners, ALL), Rejected)
 
 
 def test_the_negative_of_a_word_is_not_the_word() -> None:
@@ -333,6 +320,5 @@ def test_too_little_to_see_is_a_reason_and_no_guess() -> None:
         for seed in range(4):
             canvas, corners = Canvas(), square(310.3, 240.6, side, 4)
             canvas.panel(corners, word(7), profile=flat)
-            samples = sample_cells(canvas.frame(seed), quad(corners), 4)
-            shown = samples if isinstance(samples, Rejected) else read_codeword(samples, canvas.frame(seed), ALL)
+            shown = read_at(canvas.frame(seed), corners, ALL)
             assert isinstance(shown, Rejected) or (shown.id, shown.quarter_turns) == (7, 0)

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Floats, Frame, Rejected
-from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.erasures import find_unlit_cells
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.decision import Reading, decide, read_codeword
+from ledpi.decode.identify.decision import Reading, decide
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import (
@@ -30,21 +28,20 @@ from tests.builders.decode import (
     square,
     word,
 )
-from tests.builders.samples import erased_cells, samples_of
+from tests.builders.samples import erased_cells, evidence_at, read_at, samples_of
 
 BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 PRIOR = band_prior(Canvas().frame(None), SPEC)
 EACH = 20.0  # log-likelihood by which a cell that is seen tells its class
 
 
-def shown(marker_id: int, gains: Floats, side: float, seed: int) -> tuple[CellSamples, Frame]:
+def shown(marker_id: int, gains: Floats, side: float, seed: int) -> tuple[Frame, Floats]:
+    """A frame of a panel, and its corners there."""
     rng = np.random.default_rng(seed)
     corners = square(310 + rng.uniform(), 240 + rng.uniform(), side, 20 * rng.uniform())
     canvas = Canvas(exposure_us=TRUE_10_MS_US)
     canvas.panel(corners, word(marker_id), light=0.5, gains=gains, phases=tuple(rng.uniform(size=2)))
-    frame = canvas.frame(seed)
-    samples = samples_of(frame, corners)
-    return samples, frame
+    return canvas.frame(seed), corners
 
 
 def evidence_for(cells: Bits, erased: tuple[int, ...] = ()) -> Evidence:
@@ -64,15 +61,13 @@ def test_of_a_dead_cell_nothing_is_known_and_of_all_others_something(side: float
     """Its neighbours' light in it is not taken for its own."""
     gains = np.ones((4, 4))
     gains[1, 2] = 0.0
-    evidence = single_evidence(*shown(7, gains, side, 1), SPEC)
-    assert isinstance(evidence, Evidence)
+    evidence = evidence_at(*shown(7, gains, side, 1))
     assert np.flatnonzero(erased_cells(evidence)).tolist() == [6]
 
 
 def test_cells_of_unlike_brightness_are_all_lit() -> None:
     """Down to half of the others' light."""
-    evidence = single_evidence(*shown(7, np.random.default_rng(2).uniform(0.5, 1.0, (4, 4)), 60.0, 1), SPEC)
-    assert isinstance(evidence, Evidence)
+    evidence = evidence_at(*shown(7, np.random.default_rng(2).uniform(0.5, 1.0, (4, 4)), 60.0, 1))
     assert not erased_cells(evidence).any()
 
 
@@ -82,8 +77,7 @@ def test_a_far_panel_with_a_dead_cell_is_read() -> None:
     for seed in range(12):
         gains = np.ones(16)
         gains[seed] = 0.0
-        samples, frame = shown(7, gains.reshape(4, 4), 50.0, seed)
-        reading = read_codeword(samples, frame, BOOK)
+        reading = read_at(*shown(7, gains.reshape(4, 4), 50.0, seed), BOOK)
         assert isinstance(reading, Rejected) or reading.id == 7
         read += isinstance(reading, Reading)
     assert read >= 9
@@ -126,7 +120,6 @@ def test_a_cell_that_is_dark_as_its_bands_are_is_lit() -> None:
     light[1] *= 0.2
     samples = replace(samples_of(Canvas().frame(), square(310, 240, 60.0)), light=light)
     assert find_unlit_cells(samples, shown).tolist() == [False, True, False, False]
-    assert find_unlit_cells(samples).tolist() == [True, True, False, False]
 
 
 @pytest.mark.parametrize(("erased", "correctable"), [((), 1), ((6,), 1), ((6, 8), 0), ((0, 1), 1), ((6, 8, 10), 0)])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import cv2
 import numpy as np
 import pytest
 
@@ -13,11 +12,10 @@ from ledpi.decode.evidence.band_estimate import BandEstimate, estimate_bands
 from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
-from ledpi.decode.evidence.single_frame import single_evidence, weighed
+from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import class_waves
 from ledpi.decode.identify import codewords
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.first_pass import first_pass
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders import evidence_reference as reference
 from tests.builders.decode import SPEC, TRUE_10_MS_US, Canvas, diffuser, square, word
@@ -28,14 +26,12 @@ ANTIPHASE = dataclasses.replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
 EXPOSURE_US = {"shallow": TRUE_10_MS_US, "deep": 151.5}
 
 
-def seen(side: float, exposure_us: float = TRUE_10_MS_US, blur_px: float = 0.0) -> tuple[CellSamples, Frame]:
-    """A painted panel whose side is so many pixels; with noise blurred by so much."""
+def seen(side: float, exposure_us: float = TRUE_10_MS_US) -> tuple[CellSamples, Frame]:
+    """A painted panel whose side is so many pixels."""
     corners = square(310.3, 240.6, side, 9)
     canvas = Canvas(exposure_us=exposure_us)
     canvas.panel(corners, word(7), profile=diffuser)
     frame = canvas.frame(seed=1)
-    if blur_px:
-        frame = dataclasses.replace(frame, pixels=cv2.GaussianBlur(frame.pixels, (0, 0), blur_px))
     samples = samples_of(frame, corners)
     return samples, frame
 
@@ -61,8 +57,11 @@ def assert_alike(
 ) -> None:
     """But for the noise, by which all is weighed: that is what is left of the light, the small rest of large sums."""
     waves = class_waves(samples, frame, spec) if estimate is None else estimate.waves
-    evidence = weighed(samples, waves, estimate)
-    assert evidence is not None
+    evidence = single_evidence(samples, frame, spec, estimate)
+    assert isinstance(evidence, Evidence)
+    if estimate is not None:  # evidence is on the bands, the reference's on how far they differ from the estimate
+        of_estimate = np.einsum("cidj,dj->ci", evidence.information, estimate.bands)
+        evidence = evidence._replace(score=evidence.score - of_estimate)
     score, information = reference.single_frame_evidence(samples, waves, estimate)
     weight = float(np.einsum("cici->", evidence.information)) / float(np.trace(information))
     assert weight == pytest.approx(1.0, abs=noise_within)
@@ -107,13 +106,12 @@ def test_light_that_is_no_number_is_no_evidence() -> None:
 
 
 def test_waves_are_cosine_and_sine() -> None:
-    """Black's come first, then white's, at the phases that they have some time after the origin."""
+    """Black's come first, then white's, from row 0 on."""
     samples, frame = seen(40.0)
-    since_s = 0.3217
-    seconds = since_s + samples.rows.astype(np.float64) * frame.row_time_us * 1e-6
+    seconds = samples.rows.astype(np.float64) * frame.row_time_us * 1e-6
     turns = 2 * np.pi * np.array([SPEC.black_hz, SPEC.white_hz])[:, None, None] * seconds
     expected = np.stack([np.cos(turns[0]), np.sin(turns[0]), np.cos(turns[1]), np.sin(turns[1])])
-    waves = class_waves(samples, frame, SPEC, since_s)
+    waves = class_waves(samples, frame, SPEC)
     np.testing.assert_allclose(waves, expected, atol=5e-4)  # rows are in single precision
     holes = with_holes(samples)
     assert not class_waves(holes, frame, SPEC)[:, ~holes.valid].any()
@@ -193,15 +191,6 @@ def test_codewords_beside_erased_cells(scale: float) -> None:
     else:
         assert fit.beyond[1] == pytest.approx(sum(sorted(gain)[-2:]))
         assert fit.beyond[1] < -600
-
-
-def test_light_that_is_no_number_is_looked_at_in_vain() -> None:
-    """As step by step."""
-    samples, frame = seen(40.0)
-    light = samples.light.copy()
-    light[3, 4] = np.nan
-    white = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC).white
-    assert first_pass(dataclasses.replace(samples, light=light), frame, SPEC, white) == UNFIT
 
 
 def test_a_short_list_of_words() -> None:

@@ -257,7 +257,7 @@ def test_what_is_found_first_around_a_panel_and_cannot_be_read_does_not_hide_it(
     canvas = Canvas(background=0.12)
     canvas.lamp(square(310.4, 240.2, (1 + 2 * wide) * 60, 13), light)
     canvas.panel(panel, word(7))
-    decoded = pipeline().decode(canvas.frame())
+    decoded = pipeline().decode(canvas.frame(1))
     assert ids(decoded) == [7]
     np.testing.assert_allclose(decoded.markers[0].detection.corners_px, panel, atol=0.5)
 

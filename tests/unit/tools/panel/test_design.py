@@ -15,10 +15,7 @@ from ledpi.cli import app, main, panel_design
 from ledpi.cli.panel_design import _farthest_first
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
-from ledpi.core.records import Quad
-from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.markers.dictionaries import load_dictionary
@@ -47,6 +44,7 @@ from ledpi.tools.panel.reach import Reach, reach_of
 from ledpi.tools.panel.verdict import findings
 from tests.builders import ROOT
 from tests.builders.evidence_reference import word_log_likelihoods
+from tests.builders.samples import observed
 
 assert panel_design, main  # the import puts the command into `app`
 TRUE_10_MS_US = whole_rows_us(10_000.0, OV5647_ROW_TIME_US)
@@ -189,10 +187,8 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
         pixels = np.empty((480, 640), np.uint8)
         renderer.render(seq, pixels)
         frame = replace(near.shots[0].frame, pixels=pixels)
-        samples = sample_cells(frame, Quad(corners_px=corners), 4)
-        assert isinstance(samples, CellSamples)
-        known = single_evidence(samples, frame, spec)
-        assert isinstance(known, Evidence)
+        seen = replace(near, shots=(observed(frame, corners, spec),))
+        known = evidence_of(seen, spec, frames=1, frame_length_rows=504)
         likelihood = word_log_likelihoods(known, np.concatenate([white, others]))[0]
         costs.append(float((likelihood[0] - likelihood[1:]).mean()))
     own = np.einsum("cicj->cij", evidence_of(near, spec, frames=1, frame_length_rows=504).information)
@@ -452,7 +448,7 @@ def test_no_legend_covers_a_curve() -> None:
 def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Five pairs and antiphase beside the present one, two plots, and lines that are loaded and found good."""
     monkeypatch.setattr("ledpi.tools.panel.reach._DRAWS", 5)
-    monkeypatch.setattr("ledpi.tools.panel.reach._DISTANCES", 3)
+    monkeypatch.setattr("ledpi.tools.panel.reach._DISTANCES", 5)
     faint = ("--set", "panels.white_hz=2600")  # 25.9 cycles an exposure
     status, output = run("--distance", "1", "--distance", "8", "--fps", "58.93", "--out", "design", *faint)
     assert status == 0

@@ -136,10 +136,10 @@ def test_the_command_writes_it() -> None:
 def test_the_rooms_light_and_the_gains_noise_cost_range() -> None:
     """The guide's three figures are the tool's, and its lit room reads less far than its dark one."""
     guide = (Path(__file__).parents[4] / "docs/first-panel.md").read_text(encoding="utf-8")
-    antiphase = [f"panels.{key}" for key in ("phase=antiphase", "black_hz=1353.64", "white_hz=1353.64", "side_m=0.12")]
+    antiphase = [f"panels.{key}" for key in ("phase=antiphase", "black_hz=1253.33", "white_hz=1253.33", "side_m=0.12")]
     told = []
-    for command in re.findall(r"^    ledpi panel (design --check 1353.+?)\s+#", guide, re.MULTILINE):
+    for command in re.findall(r"^    ledpi panel (design --check 1253.+?)\s+#", guide, re.MULTILINE):
         words = [*command.split(), *(word for key in antiphase for word in ("--set", key))]
         told.append(re.findall(r"is read (?:to )?(.+?) in a single picture, to (.+?) within 4", run(*words))[0])
-    assert told == [("1.2 m", "2.6 m"), ("nowhere", "1.2 m")]
-    assert "| dark | to 1.2 m | to 2.6 m |\n| lit, 300 lx | nowhere | to 1.2 m |" in guide
+    assert told == [("1.2 m", "2.7 m"), ("nowhere", "1.3 m")]
+    assert "| dark | to 1.2 m | to 2.7 m |\n| lit, 300 lx | nowhere | to 1.3 m |" in guide
