@@ -165,10 +165,11 @@ ptrdiff_t ledpi_panel_room(void);
 
 /* The evidence on the bands of a panel that `fit` has fitted, on a grid of equal steps within it, `step_px` of `light` across
  * and down; of as many waves as tell the classes apart. `cycles_before`: of each wave, from the moment that its phase is
- * counted from to row 0; `lowered`: to how much of it the mean of the rows that a pixel of `light` stands for. `turns` (waves, 2): of each wave what turns it, with its harmonics, to a cosine of height 1; NULL where
- * phases are open, and waves are sinusoids. With a mean of frames on the same grid (light, how many tell it, the waves' cosine and
- * sine; else NULL) it is that of the mean, or, where `compared`, of how this frame differs from it. Out come the frame's own light
- * (over the panel's, shifted where it is compared), whether it tells, and waves; score (cells², 2·waves), information
+ * counted from to row 0; `lowered`: to how much of each wave the mean of the rows lowers it that a pixel of `light` stands for.
+ * `turns` (waves, 2): of each wave what turns it, with its harmonics, to a cosine of height 1; NULL where phases are open, and
+ * waves are sinusoids. With a mean of frames on the same grid (light, how many tell it, the waves' cosine and sine; else NULL) it
+ * is that of the mean, or, where `compared`, of how this frame differs from it. Out come the frame's own light (over the panel's,
+ * shifted where it is compared), whether it tells, and waves; score (cells², 2·waves), information
  * (cells², 2·waves)² over the variance of what is left; by how much noise that is alike inflates that; and how many samples
  * were free. */
 typedef struct {

@@ -170,8 +170,7 @@ class LikelihoodPath:
         for quad, track in squares:
             before = track.history.memories[0].last
             like = None if before is None or before.samples is None else before.samples.lattice
-            sampled = self._searches
-            shown = self._locator.observe(frame, quad, sampled=sampled, like=like)
+            shown = self._locator.observe(frame, quad, sampled=self._searches, like=like)
             if isinstance(shown, Rejected):
                 work.reject(quad.corners_px, shown)
             else:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ledpi.core.records import Floats, Intrinsics, PanelSpec, Singles
 from ledpi.decode.evidence.erasures import UNLIT, erase_cells
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.waves import band_prior
+from ledpi.decode.evidence.waves import LEAST_DEPTH, band_prior
 from ledpi.decode.model.fit import pitch_px_of, solver_view
 from ledpi.decode.model.light import fundamentals, waves
 from ledpi.decode.model.panel import Weigher
@@ -92,9 +92,9 @@ class LightWeigher:
         unknown, turns = seen.unknown.copy(), np.empty(len(bands), np.float32)
         tables = fundamentals(spec, seen.frame.exposure_us, seen.frame.row_time_us, seen.window.shrink)
         for k, (fundamental, lowered) in enumerate(zip(tables[: len(bands) // 2], _lowered(seen, spec), strict=False)):
-            wave = complex(*bands[2 * k : 2 * k + 2])
-            turned = lowered * wave / abs(wave) / abs(fundamental)
-            unknown[PHASE + k] = cmath.phase(fundamental / wave) / math.tau
+            angle = cmath.phase(complex(*bands[2 * k : 2 * k + 2]))
+            turned = cmath.rect(lowered / max(abs(fundamental), LEAST_DEPTH), angle)
+            unknown[PHASE + k] = math.remainder(cmath.phase(fundamental) - angle, math.tau) / math.tau
             turns[2 * k : 2 * k + 2] = turned.real, turned.imag
         seen = seen._replace(unknown=unknown)
         return self._weigh(seen, spec, 0.0, self._each(seen), None, wall_px=WALL_PX, turns=turns)[1]

@@ -18,6 +18,7 @@ from ledpi.decode.evidence.cells import CellSamples
 
 MAX_ROOM_LIGHT = 2.0  # of a panel's own in the mean of its bands: a brighter room hides the deepest
 FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
+LEAST_DEPTH = 1e-6  # that is counted with: whole cycles in an exposure leave none
 # Bands that are deeper, or one of whose harmonics is more than this share of the fundamental, are no sinusoids. (The
 # third is a tenth of it at 10 ms, and a third where the fundamental nearly vanishes, as it does at 800 µs.)
 FAINT_DEPTH, MOST_HARMONIC = 0.1, 0.2
@@ -42,7 +43,7 @@ def band_prior(frame: Frame, spec: PanelSpec) -> Floats:
 @lru_cache(maxsize=64)  # exposures, of an automatic one too, are whole rows
 def _prior_of(exposure_us: float, waves_hz: tuple[float, ...], duty: float) -> Floats:
     amplitude = [shutter.harmonic_amplitude(1, hz, exposure_us, duty) for hz in waves_hz]
-    return np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
+    return np.repeat(np.square(np.maximum(amplitude, LEAST_DEPTH)), 2) / 2
 
 
 def is_deep(prior: Floats) -> bool:

@@ -10,7 +10,7 @@ from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.one_frame import read_deep_bands, read_frame
 from ledpi.markers.dictionaries import load_dictionary
-from tests.builders.decode import SHORT_US, SPEC, Canvas, square, word
+from tests.builders.decode import SHORT_US, SPEC, TRUE_10_MS_US, Canvas, square, word
 from tests.builders.evidence_reference import word_log_likelihoods
 from tests.builders.samples import WEIGHER, evidence_at, observed, samples_of
 
@@ -42,6 +42,16 @@ def test_bands_with_harmonics_are_those_that_sinusoids_have_shown(side: float, b
     assert evidence is not None
     bands = word_log_likelihoods(evidence, own)[1][0]
     np.testing.assert_allclose(bands, sinusoids, atol=0.15 * np.abs(sinusoids).max())
+
+
+@pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 800.0])
+def test_a_wave_that_no_cell_shows_or_that_the_exposure_leaves_nothing_of_is_no_error(exposure_us: float) -> None:
+    """As where all cells of a class are dark; at 800 µs an exposure holds a whole cycle of black's."""
+    canvas, corners = Canvas(exposure_us=exposure_us), square(310.3, 240.6, 60.0, 3.0)
+    canvas.panel(corners, word(7))
+    evidence = WEIGHER.with_harmonics(observed(canvas.frame(1), corners), SPEC, np.array([0.0, 0.0, 0.01, 0.0]))
+    assert evidence is not None
+    assert np.isfinite(evidence.information).all()
 
 
 def test_harmonics_settle_what_sinusoids_leave_open(monkeypatch: pytest.MonkeyPatch) -> None:
