@@ -25,8 +25,8 @@ TOO_SMALL = Rejected(stage="fit", reason="too_small")
 NO_LIGHT = Rejected(stage="fit", reason="no_light")
 
 # Of a cell that is looked at for bands: one is averaged down to this, or up to twice as much, so that its samples are
-# about as far apart as pixels are.
-FEWEST_CELL_PX = 12.0
+# about as far apart as pixels are. But over no more rows than half a wave: a mean over that leaves 2/π of it.
+FEWEST_CELL_PX, MOST_CYCLES = 12.0, 0.5
 REACH = 0.1  # of the side: how far off a proposal may be
 # Of the light's squares: the first fit, from corners that are off, must explain more than it leaves; of what a panel's
 # fit leaves in the end the deviation is less than a third of the light's own.
@@ -167,7 +167,7 @@ class Locator:
         return self._quad(fit if known[RIM:SHAPE].max() > LEAST_HIDDEN else self._best_placed(frame, fit))
 
     def observe(
-        self, frame: Frame, quad: Quad, *, sampled: bool = True, like: Lattice | None = None
+        self, frame: Frame, quad: Quad, *, sampled: bool = False, like: Lattice | None = None
     ) -> Observation | Rejected:
         """A panel that was fitted here, as this frame shows it. `sampled`: its cells, too, where bands are not deep.
 
@@ -175,7 +175,10 @@ class Locator:
         """
         assert quad.lattice_px is not None, "it was fitted"
         assert quad.unknown is not None
-        window = Window.crop(frame, quad.lattice_px, REACH, self._cells * FEWEST_CELL_PX)
+        quickest_hz = max(hz for spec in self._specs for hz in spec.waves_hz)
+        most_rows = MOST_CYCLES / (quickest_hz * abs(frame.row_time_us) * 1e-6)
+        fewest_px = max(self._cells * FEWEST_CELL_PX, quad_side(quad.lattice_px.tolist()) / most_rows)
+        window = Window.crop(frame, quad.lattice_px, REACH, fewest_px)
         if window is None:
             return NO_LIGHT
         samples = None

@@ -48,7 +48,9 @@ REASONS: dict[str, Explained] = {
     "cells.outside_picture": Explained("a cell is not wholly in the picture", "bring the whole panel into view"),
     "cells.saturated": Explained("too many pixels of a cell are full", "less gain or exposure"),
     "cells.dark": Explained("a cell gives no light", "check the solder joints"),
-    "identify.unfit": Explained("the light of the cells gives no evidence (no solution)", ""),
+    "identify.unfit": Explained(
+        "the light of the cells gives no evidence (no solution, or too many pixels are full)", "less gain or exposure"
+    ),
     "identify.no_bands": Explained(
         "nothing blinks at the configured frequencies",
         "check the frequencies; keep the exposure off their nulls (ledpi calibrate panel says so); "

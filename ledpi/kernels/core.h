@@ -163,11 +163,11 @@ enum { LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160, LEDPI_MOST_EACH = 16 };
 int ledpi_fit_panel(PanelFit *fit, uint8_t *room);
 ptrdiff_t ledpi_panel_room(void);
 
-/* The evidence on the bands of a panel that `fit` has fitted, on a grid of equal steps within it, `step_px` of `light` across
+/* The evidence on the bands of a panel that `fit` has fitted, on a grid of equal steps within each cell, `step_px` of `light` across
  * and down; of as many waves as tell the classes apart. `cycles_before`: of each wave, from the moment that its phase is
  * counted from to row 0; `lowered`: to how much of each wave the mean of the rows lowers it that a pixel of `light` stands for.
- * `turns` (waves, 2): of each wave what turns it, with its harmonics, to a cosine of height 1; NULL where phases are open, and
- * waves are sinusoids. With a mean of frames on the same grid (light, how many tell it, the waves' cosine and sine; else NULL) it
+ * `turns` (waves, 2): of each wave, of these `phases` in row 0, what turns it with its harmonics to a cosine of height 1; NULL
+ * where phases are open, and waves are sinusoids. With a mean of frames on the same grid (light, how many tell it, the waves' cosine and sine; else NULL) it
  * is that of the mean, or, where `compared`, of how this frame differs from it. Out come the frame's own light (over the panel's,
  * shifted where it is compared), whether it tells, and waves; score (cells², 2·waves), information
  * (cells², 2·waves)² over the variance of what is left; by how much noise that is alike inflates that; and how many samples
@@ -175,7 +175,7 @@ ptrdiff_t ledpi_panel_room(void);
 typedef struct {
     PanelFit fit;
     ptrdiff_t waves;
-    double cycles_before[2], lowered[2], step_px[2];
+    double cycles_before[2], lowered[2], phases[2], step_px[2];
     const float *turns, *mean_light, *mean_count, *mean_wave;
     bool compared;
     float *light, *tells, *wave;

@@ -90,7 +90,7 @@ def shared_basis(samples: CellSamples, gain: Floats, root: Floats, estimate: Ban
 
 
 def single_frame_evidence(samples: CellSamples, waves: Singles, estimate: BandEstimate | None) -> tuple[Floats, Floats]:
-    """Score and information as decode/evidence/single_frame.py has them, before noise is told."""
+    """Score and information as decode/evidence/single_frame.py has them, but for the variance of the noise."""
     light, (cells, _) = samples.light.astype(np.float64), samples.light.shape
     shown = np.ones_like(light) if estimate is None else estimate.band_light().astype(np.float64)
     valid = np.ones(light.shape) if samples.valid is None else samples.valid.astype(np.float64)

@@ -36,7 +36,7 @@ def observed(frame: Frame, corners: Floats, spec: PanelSpec = SPEC) -> Observati
         cell_px = np.linalg.norm(corners[1] - corners[0]) / 4
         if np.abs(fitted.lattice_px - corners).max() < 0.1 * cell_px:
             lattice, unknown = fitted.lattice_px, fitted.unknown
-    seen = locator.observe(frame, Quad(corners_px=lattice, lattice_px=lattice, unknown=unknown))
+    seen = locator.observe(frame, Quad(corners_px=lattice, lattice_px=lattice, unknown=unknown), sampled=True)
     assert isinstance(seen, Observation), reason(seen)
     return seen
 

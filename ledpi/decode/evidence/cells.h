@@ -24,10 +24,8 @@ static inline ptrdiff_t of_residual(const Panel *panel) { return 1 + panel->wave
 static inline ptrdiff_t padded(ptrdiff_t count) { return (count + LEDPI_WIDTH - 1) / LEDPI_WIDTH * LEDPI_WIDTH; }
 static inline ptrdiff_t width_of(const Panel *panel) { return padded(of_residual(panel) + 1); }
 
-/* Unknowns in the order of the matrix: `gains` (one for each cell, or one for all), SLOPES, then each cell's bands. */
-static inline ptrdiff_t unknowns(const Panel *panel, ptrdiff_t gains) {
-    return gains + SLOPES + panel->cells * panel->waves;
-}
+/* Unknowns in the order of the matrix: each cell's gain, SLOPES, then each cell's bands. */
+static inline ptrdiff_t unknowns(const Panel *panel) { return panel->cells + SLOPES + panel->cells * panel->waves; }
 
 /* The ways in which a homography can be wrong, of a place (u, v) in −1..1 where light changes so much across and down. */
 static inline void put_slopes(float u, float v, float by_u, float by_v, float slopes[SLOPES]) {
@@ -50,6 +48,6 @@ typedef struct {
 /* Puts each sample's columns (samples, width), and adds what those of each cell are among themselves to the matrix (size,
  * size + 1), the last column of which is the right side. To first order a homography can differ in SLOPES ways: by
  * 1, x, y in either direction, and by (x², xy) and (xy, y²). Returns the square of what is left to explain. */
-double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Terms *terms, float *columns, double *matrix);
+double ledpi_add_cells(const Panel *panel, const Terms *terms, float *columns, double *matrix);
 
 #endif

@@ -1,6 +1,6 @@
 """Takes the light of every cell of a quad, on a lattice that is the same in each cell.
 
-The lattice makes the panel's static picture easy to remove later (`soft`): whatever the diffuser does at one place
+The lattice makes the panel's static picture easy to remove later: whatever the diffuser does at one place
 in a cell, it does at the same place of every cell.
 """
 

@@ -68,8 +68,8 @@ static inline void put_cell(const Panel *panel, const Terms *terms, ptrdiff_t ce
         }
 }
 
-LEDPI_SIMD double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Terms *terms, float *columns, double *matrix) {
-    const ptrdiff_t size = unknowns(panel, gains), width = width_of(panel), last = of_residual(panel);
+LEDPI_SIMD double ledpi_add_cells(const Panel *panel, const Terms *terms, float *columns, double *matrix) {
+    const ptrdiff_t bands = panel->cells + SLOPES, size = unknowns(panel), width = width_of(panel), last = of_residual(panel);
     float sums[MOST_COLUMNS * MOST_COLUMNS];
     ptrdiff_t place[MOST_COLUMNS];
     double squares = 0.0;
@@ -81,9 +81,9 @@ LEDPI_SIMD double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Ter
             put_cell(panel, terms, cell, panel->waves, own);
         memset(sums, 0, sizeof(float) * (size_t)(width * width));
         ledpi_add_products(own, panel->points, width, sums);
-        place[0] = gains > 1 ? cell : 0;
-        for (ptrdiff_t i = 0; i < panel->waves; i++) place[1 + i] = gains + SLOPES + cell * panel->waves + i;
-        for (ptrdiff_t i = 0; i < SLOPES; i++) place[first_slope(panel) + i] = gains + i;
+        place[0] = cell;
+        for (ptrdiff_t i = 0; i < panel->waves; i++) place[1 + i] = bands + cell * panel->waves + i;
+        for (ptrdiff_t i = 0; i < SLOPES; i++) place[first_slope(panel) + i] = panel->cells + i;
         place[last] = size;
         for (ptrdiff_t i = 0; i < last; i++)
             for (ptrdiff_t j = i; j <= last; j++) {

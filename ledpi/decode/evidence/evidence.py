@@ -16,7 +16,7 @@ For known gains that is linear in p, q and r, at each point by itself. What it c
 what a wrong gain and wrong corners would add (the picture's slope times the shift that each corner's error makes
 there). What is left is correlated with a cosine and a sine of each wave, in each cell.
 
-`single_frame` does so with deep bands. `light` has the corners, walls and gains of a fit instead, and all that it does
+`single_frame` does so, with deep bands. `light` has the corners, walls and gains of a fit instead, and all that it does
 not know free; `memory` adds up several frames, where a is learnt from the frames before.
 """
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,7 @@ from ledpi.decode.evidence.waves import LEAST_DEPTH, band_prior
 from ledpi.decode.model.fit import pitch_px_of, solver_view
 from ledpi.decode.model.light import fundamentals, waves
 from ledpi.decode.model.panel import Weigher
-from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, PHASE, prior
+from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, prior
 from ledpi.decode.observation import Observation
 from ledpi.kernels.lens import bending_lens_of
 from ledpi.kernels.library import NONE, lib
@@ -32,8 +33,8 @@ from ledpi.kernels.library import NONE, lib
 # may have fewer.
 FEWEST_EACH, MOST_EACH_OF_SEVERAL = 3, 12
 MOST_EACH: int = lib.LEDPI_MOST_EACH
-# Of a frame by itself no sample is in a pixel that a wall's edge may cross: within half of its diagonal. How dark it is
-# hangs on where the edge crosses, in each cell by itself. Half of a small cell is left.
+# Of a frame by itself no sample is in a pixel that a border may cross: within half of its diagonal. How dark that is
+# hangs on where a wall's edge crosses it, in each cell by itself. Half of a small cell is left.
 WALL_PX, MOST_INSET = math.sqrt(0.5), 0.25
 SAME_GRID = 0.15  # by how much a panel may grow or shrink and keep its grid
 
@@ -89,15 +90,14 @@ class LightWeigher:
 
         `bands` (P,) say in which phases: in row 0, as those of `alone`.
         """
-        unknown, turns = seen.unknown.copy(), np.empty(len(bands), np.float32)
+        phases, turns = [0.0, 0.0], np.empty(len(bands), np.float32)
         tables = fundamentals(spec, seen.frame.exposure_us, seen.frame.row_time_us, seen.window.shrink)
         for k, (fundamental, lowered) in enumerate(zip(tables[: len(bands) // 2], _lowered(seen, spec), strict=False)):
             angle = cmath.phase(complex(*bands[2 * k : 2 * k + 2]))
             turned = cmath.rect(lowered / max(abs(fundamental), LEAST_DEPTH), angle)
-            unknown[PHASE + k] = math.remainder(cmath.phase(fundamental) - angle, math.tau) / math.tau
+            phases[k] = (cmath.phase(fundamental) - angle) / math.tau
             turns[2 * k : 2 * k + 2] = turned.real, turned.imag
-        seen = seen._replace(unknown=unknown)
-        return self._weigh(seen, spec, 0.0, self._each(seen), None, wall_px=WALL_PX, turns=turns)[1]
+        return self._weigh(seen, spec, 0.0, self._each(seen), None, wall_px=WALL_PX, phases=phases, turns=turns)[1]
 
     def first(self, seen: Observation, spec: PanelSpec, since_s: float) -> Mean:
         """A first frame to compare others with; `since_s` as above."""
@@ -132,6 +132,7 @@ class LightWeigher:
         built: Floats | None = None,
         compared: bool = False,
         wall_px: float = 0.0,
+        phases: Sequence[float] = (0.0, 0.0),
         turns: Singles | None = None,
     ) -> tuple[Mean, Evidence | None]:
         cells, count, frame, window = self._cells, len(spec.waves_hz), seen.frame, seen.window
@@ -157,6 +158,7 @@ class LightWeigher:
             cycles_before=[math.fmod(hz * since_s, 1.0) for hz in (spec.black_hz, spec.white_hz)],
             lowered=_lowered(seen, spec),
             step_px=steps_px,
+            phases=phases,
             turns=NONE if turns is None else turns,
             mean_light=NONE if mean is None else mean.light,
             mean_count=NONE if mean is None else mean.count,

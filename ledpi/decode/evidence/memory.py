@@ -131,7 +131,7 @@ class PanelMemory(NamedTuple):
     def _mean_picture_evidence(self, weigher: LightWeigher) -> Evidence | None:
         """None where the mean has no bands that are worth reading, or tells none."""
         mean = self._mean(weigher)
-        # A whole wave's cosine and sine have a power of 1 together.
+        # A whole wave's cosine and sine have a power of 1 together, less where rows are averaged.
         waves, seen = len(mean.waves) // 2, int((mean.count > 0).sum())
         power = float(np.square(mean.waves).sum() / max(1, waves * seen))
         if self.comparisons is not None and power < MEAN_WAVE_POWER:

@@ -183,7 +183,7 @@ static inline void put_row(const Panel *panel, const float *basis, const float *
 LEDPI_SIMD static void take_shared(const Panel *panel, const Sources *sources, const float **bases, const float *columns,
                                    float *rows, float *sums, double *matrix) {
     const ptrdiff_t points = panel->points, waves = panel->waves, width = width_of(panel);
-    const ptrdiff_t size = unknowns(panel, panel->cells), wide = padded(size);
+    const ptrdiff_t size = unknowns(panel), wide = padded(size);
     ptrdiff_t count = 0;
     for (ptrdiff_t p = 0, s = 0; p < points; p++)
         for (; s < (p + 1 < points ? sources->first[p + 1] : sources->count); s++) {
@@ -201,16 +201,16 @@ LEDPI_SIMD static void take_shared(const Panel *panel, const Sources *sources, c
 
 /* Room to work in. */
 typedef struct {
-    double *gain, *profile, *matrix, *unknowns;
+    double *gain, *profile, *matrix;
     float *light, *root, *still, *residual, *across, *down, *columns, *basis, *rows, *sums, *slopes;
     const float **bases;
 } Room;
 
 /* Takes it, or none; `gain` is where it begins. What is added to is zero, and what pads the cells. */
 static bool make_room(const Panel *panel, const Sources *sources, Room *room) {
-    const ptrdiff_t samples = panel->samples, size = unknowns(panel, panel->cells), wide = padded(size);
+    const ptrdiff_t samples = panel->samples, size = unknowns(panel), wide = padded(size);
     const ptrdiff_t vectors = (MEETING + sources->count) * padded(panel->cells); /* of cells; two serve `split` */
-    const ptrdiff_t matrix = size * (size + 1), levels = panel->cells + panel->points + size;
+    const ptrdiff_t matrix = size * (size + 1), levels = panel->cells + panel->points;
     const ptrdiff_t slopes = samples + 3 * panel->side * panel->k;
     const ptrdiff_t floats = wide * wide + vectors + samples * (6 + width_of(panel)) + slopes + LEDPI_AT_ONCE * wide;
     char *all = malloc(sizeof(double) * (size_t)(matrix + levels) + sizeof(float) * (size_t)floats +
@@ -219,8 +219,7 @@ static bool make_room(const Panel *panel, const Sources *sources, Room *room) {
     room->matrix = (double *)all;
     room->gain = room->matrix + matrix;
     room->profile = room->gain + panel->cells;
-    room->unknowns = room->profile + panel->points;
-    room->bases = (const float **)(room->unknowns + size);
+    room->bases = (const float **)(room->profile + panel->points);
     room->sums = (float *)(room->bases + sources->count);
     room->basis = room->sums + wide * wide;
     room->columns = room->basis + vectors;
@@ -274,7 +273,7 @@ bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const f
     const Panel panel = {side, k, count, side * side, k * k, side * side * k * k, valid, along};
     const Sources sources = {source_count, column, first, met};
     const BandEstimate estimate = {shown, of_class, white};
-    const ptrdiff_t size = unknowns(&panel, panel.cells);
+    const ptrdiff_t size = unknowns(&panel);
     Room room;
     if (!make_room(&panel, &sources, &room)) return false;
     memcpy(room.light, light, sizeof(float) * (size_t)panel.samples);
@@ -285,7 +284,7 @@ bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const f
     split(&panel, &sources, room.light, room.bases, vectors, room.still, room.residual);
     put_terms(&panel, &estimate, &room);
     const Terms terms = {room.still, room.root, waves, room.across, room.down, room.residual};
-    const double squares = ledpi_add_cells(&panel, panel.cells, &terms, room.columns, room.matrix);
+    const double squares = ledpi_add_cells(&panel, &terms, room.columns, room.matrix);
     take_shared(&panel, &sources, room.bases, room.columns, room.rows, room.sums, room.matrix);
     *free_samples = (double)(used - source_count + 1 - size);
     const bool fits = ledpi_weigh(room.matrix, size, panel.cells + SLOPES, squares, *free_samples, independence, score,

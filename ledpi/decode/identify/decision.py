@@ -104,6 +104,8 @@ def surest_bands(fit: Fit, codebook: Codebook, false_id_rate: float) -> Floats |
     needed = odds_needed(false_id_rate)
     if not fit.likelihood[0] >= needed or not fit.is_finite:
         return None
+    if sum(gain > needed for gain in fit.gain) > codebook.correctable:
+        return None
     odds = (
         _odds_against_other_ids(fit, codebook),
         hypotheses.odds_against_negative(fit.negative, codebook, fit.likelihood[0]),

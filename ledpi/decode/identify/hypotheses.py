@@ -60,7 +60,7 @@ def odds_against_other_patterns(fit: Fit, codebook: Codebook) -> float:
     be either class, and leave fewer to be corrected.
     """
     others = fit.beyond[codebook.correctable_beside(fit.erased, fit.codewords[0])]
-    return prior_odds_of_codeword(codebook) - others - _log_patterns(fit.erased)
+    return prior_odds_of_codeword(codebook) - others - log_patterns(fit.erased)
 
 
 def odds_against_near_patterns(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
@@ -71,7 +71,7 @@ def odds_against_near_patterns(evidence: Evidence, fit: Fit, codebook: Codebook)
     best, of_codeword, erased = fit.codewords[0], fit.likelihood[0], fit.erased
     correctable = codebook.correctable_beside(erased, best)
     others = near_pattern_likelihood(evidence, codebook.white[best], correctable + 1, max(NEIGHBOURS, correctable + 1))
-    return of_codeword - others + prior_odds_of_codeword(codebook) - _log_patterns(erased)
+    return of_codeword - others + prior_odds_of_codeword(codebook) - log_patterns(erased)
 
 
 def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
@@ -82,10 +82,10 @@ def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -
     best = fit.codewords[0]
     correctable = codebook.correctable_beside(fit.erased, best)
     likelihood, _ = likeliest_far_pattern(evidence, codebook.white[best], correctable)
-    return fit.likelihood[0] - likelihood + prior_odds_of_codeword(codebook) - _log_patterns(fit.erased)
+    return fit.likelihood[0] - likelihood + prior_odds_of_codeword(codebook) - log_patterns(fit.erased)
 
 
-def _log_patterns(erased: Mask | None) -> float:
+def log_patterns(erased: Mask | None) -> float:
     """Log of the number of patterns that `erased` (cells,) may have."""
     return 0.0 if erased is None else int(np.count_nonzero(erased)) * math.log(2)
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ledpi.core.records import Frame, Rejected, Singles
+from ledpi.core.records import Frame, Rejected
 from ledpi.decode.evidence.band_estimate import estimate_bands
 from ledpi.decode.evidence.cells import CellSamples
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
@@ -26,12 +26,12 @@ from ledpi.decode.identify.decision import (
     INCONSISTENT,
     NO_BANDS,
     Reading,
-    decide,
     judge,
     odds_needed,
     surest_bands,
 )
-from ledpi.decode.identify.hypotheses import prior_odds_of_codeword
+from ledpi.decode.identify.hypotheses import log_patterns, prior_odds_of_codeword
+from ledpi.decode.identify.plausibility import misfit_inflation
 from ledpi.decode.observation import Observation
 
 
@@ -55,31 +55,37 @@ def read_frame(
     again = weigher.with_harmonics(seen, codebook.spec, bands)
     if again is None:
         return UNFIT
-    reading = decide(again, codebook, false_id_rate)
+    refit = rank_codewords(again, codebook.white)
+    if refit.codewords[0] != fit.codewords[0]:
+        return INCONSISTENT
+    reading = judge(refit, again, codebook, false_id_rate)
     if isinstance(reading, Rejected):
         return reading
-    sure = _odds_under_either(again, seen, codebook, weigher) >= odds_needed(false_id_rate)
-    return reading if sure else AMBIGUOUS
+    margin = _odds_under_either(again, refit, seen, codebook, weigher) / misfit_inflation(again, refit)
+    if not margin >= odds_needed(false_id_rate):
+        return AMBIGUOUS
+    return reading._replace(margin=min(reading.margin, margin))
 
 
-def _odds_under_either(evidence: Evidence, seen: Observation, codebook: Codebook, weigher: LightWeigher) -> float:
+def _odds_under_either(
+    evidence: Evidence, fit: Fit, seen: Observation, codebook: Codebook, weigher: LightWeigher
+) -> float:
     """Log odds of the best codeword against patterns far from it: the mean under its phases, and under its rival's.
 
     Phases that fit a codeword favour it, and phases that fit the likeliest of those patterns favour that one.
     """
-    codeword = codebook.white[rank_codewords(evidence, codebook.white).codewords[0]]
-    own, rival = _lead(evidence, codeword, codebook)
-    if own == math.inf:
-        return own
+    best = fit.codewords[0]
+    correctable = codebook.correctable_beside(fit.erased, best)
+    of_rival, rival = likeliest_far_pattern(evidence, codebook.white[best], correctable)
+    if of_rival == -math.inf:
+        return math.inf
     theirs = weigher.with_harmonics(seen, codebook.spec, rank_codewords(evidence, rival[None]).bands)
-    under_rival = -math.inf if theirs is None else _lead(theirs, codeword, codebook)[0]
-    return 0.5 * (own + under_rival) + prior_odds_of_codeword(codebook)
-
-
-def _lead(evidence: Evidence, codeword: Singles, codebook: Codebook) -> tuple[float, Singles]:
-    """Log-likelihood ratio of a codeword (cells,) to the likeliest pattern too far to be meant for it; and this."""
-    of_rival, rival = likeliest_far_pattern(evidence, codeword, codebook.correctable)
-    return rank_codewords(evidence, codeword[None]).likelihood[0] - of_rival, rival
+    if theirs is None:
+        return -math.inf
+    own = fit.likelihood[0] - of_rival
+    of_codeword = rank_codewords(theirs, codebook.white[best][None]).likelihood[0]
+    under_rival = of_codeword - likeliest_far_pattern(theirs, codebook.white[best], correctable)[0]
+    return 0.5 * (own + under_rival) + prior_odds_of_codeword(codebook) - log_patterns(fit.erased)
 
 
 def read_deep_bands(

@@ -96,10 +96,10 @@ def waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int) 
 
 
 @lru_cache(maxsize=64)
-def fundamentals(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int) -> list[complex]:
+def fundamentals(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int) -> tuple[complex, ...]:
     """The fundamental of black's `waves`, and of white's: its cosine, and its sine as the imaginary part."""
-    of_tables: list[complex] = np.fft.rfft(waves(spec, exposure_us, row_time_us, shrink))[:, 1].conj().tolist()
-    return [one * 2.0 / WAVE_STEPS for one in of_tables]
+    of_tables = np.fft.rfft(waves(spec, exposure_us, row_time_us, shrink))[:, 1].conj() * (2.0 / WAVE_STEPS)
+    return tuple(of_tables.tolist())
 
 
 NEAR_BORDER = np.arange(-2.0, 3.0)  # pixels, of the lines about the borders of cells, where light changes most

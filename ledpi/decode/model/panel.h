@@ -2,6 +2,7 @@
 #ifndef LEDPI_PANEL_H
 #define LEDPI_PANEL_H
 
+#include <math.h>
 #include "core.h"
 #include "kernels.h"
 #include "normal.h"
@@ -53,11 +54,21 @@ typedef struct {
     bool is_between, is_beside; /* whether the second cells count, and what is before and after */
 } Lines;
 
+/* A class's wave in a row, of a phase in row 0, in cycles; and its slope by phase. */
+static inline float ledpi_panel_wave(const Panel *panel, ptrdiff_t k, float phase, float row, float *later) {
+    const float *table = panel->waves + k * WAVE_STEPS;
+    const float cycles = phase + row * (float)panel->cycles_a_row[k];
+    const float at = (cycles - floorf(cycles)) * WAVE_STEPS;
+    const int32_t step = (int32_t)at;
+    const float here = table[step & (WAVE_STEPS - 1)], rise = table[(step + 1) & (WAVE_STEPS - 1)] - here;
+    *later = rise * WAVE_STEPS;
+    return here + (at - (float)step) * rise;
+}
+
 /* What eight places are explained by: the slopes of what is predicted by COMMON, and the residual, all weighted; by the OWN
  * of the cells that meet there (the nearest down and across, then the next), not weighted. */
 typedef struct {
     Eight by[DENSE], own[2][2][OWN], seen, predicted, weight, row, outside; /* row of the picture; share beside the panel */
-    Eight wave[2], later[2]; /* either class's wave there, and its slope by phase, in cycles */
     bool tells[LEDPI_WIDTH]; /* within the view and not saturated */
 } Samples;
 

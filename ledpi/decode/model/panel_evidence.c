@@ -27,14 +27,17 @@ ptrdiff_t ledpi_panel_evidence_room(void) { return (ptrdiff_t)sizeof(Room); }
 
 /* Cosine and sine of each wave in a sample's row; where its phase is known, with the harmonics that it then has: the wave there and
  * its slope, turned to a phase of 0. */
-static LEDPI_INLINE void put_waves(const Weighing *w, const Samples *s, int lane, float waves[FREE - 1]) {
+static LEDPI_INLINE void put_waves(const Weighing *w, float row, float waves[FREE - 1]) {
     for (ptrdiff_t k = 0; k < w->asked->waves; k++) {
         if (w->asked->turns) {
-            const float wave = s->wave[k][lane], later = s->later[k][lane] / (float)TURN, *const turn = w->asked->turns + 2 * k;
+            const float *const turn = w->asked->turns + 2 * k;
+            float later;
+            const float wave = ledpi_panel_wave(&w->fit.panel, k, (float)w->asked->phases[k], row, &later);
+            later /= (float)TURN;
             waves[2 * k] = turn[0] * wave + turn[1] * later, waves[2 * k + 1] = turn[1] * wave - turn[0] * later;
             continue;
         }
-        const float cycles = (float)w->asked->cycles_before[k] + s->row[lane] * (float)w->fit.panel.cycles_a_row[k];
+        const float cycles = (float)w->asked->cycles_before[k] + row * (float)w->fit.panel.cycles_a_row[k];
         const float angle = (float)TURN * (cycles - rintf(cycles));
         waves[2 * k] = (float)w->asked->lowered[k] * cosf(angle), waves[2 * k + 1] = (float)w->asked->lowered[k] * sinf(angle);
     }
@@ -72,7 +75,7 @@ static LEDPI_INLINE Shown shown_at(const Weighing *w, const Samples *s, int lane
     const ptrdiff_t all = w->fit.lines * w->fit.lines;
     const float seen = s->seen[lane], steady = s->predicted[lane] - bands;
     Shown shown = {.left = seen - steady, .level = 0.0f, .deviation = 1.0f};
-    put_waves(w, s, lane, shown.waves);
+    put_waves(w, s->row[lane], shown.waves);
     asked->light[at] = seen, asked->tells[at] = 1.0f;
     for (ptrdiff_t p = 0; p < 2 * asked->waves; p++) asked->wave[p * all + at] = shown.waves[p];
     if (!asked->mean_light) return shown;
@@ -90,7 +93,7 @@ static LEDPI_INLINE void put_sample(const Weighing *w, const Samples *s, int lan
     const ptrdiff_t gain = !w->asked->compared;
     for (int k = 0; k < DENSE; k++) columns[k] = less * s->by[k][lane];
     columns[RESIDUAL] = weight * shown->left, columns[LEVEL] = weight * shown->level, columns[PHASE + 1] = 0.0f;
-    if (gain) columns[DARK] = 0.0f;
+    if (gain) columns[DARK] = 0.0f; /* as fitted: what is beside the panel tells it, and no sample here is there */
     for (int m = 0; m < met->count; m++) {
         const float by_gain = weight * met->by[m][FREE - 1], light = by_gain * (float)w->fit.unknown[COMMON + OWN * met->cell[m]];
         if (gain) met->by[m][0] = by_gain * (1.0f + met->by[m][0]);
@@ -320,7 +323,7 @@ bool ledpi_panel_evidence(PanelEvidence *asked, uint8_t *room) {
     Work *const work = &((Room *)room)->work;
     Sums *const sums = &((Room *)room)->sums;
     const ptrdiff_t cells = asked->fit.cells, n = cells * cells;
-    if (asked->fit.lines > LINES || cells > MOST_CELLS) return false;
+    if (cells > MOST_CELLS || asked->fit.lines > MOST_EACH * cells) return false;
     Weighing w = {.fit = ledpi_panel_begun(&asked->fit, &asked->fit), .asked = asked, .each = asked->fit.lines / cells};
     w.free = !asked->compared + 2 * asked->waves, w.frees = w.free * n;
     w.width = DENSE + (w.frees + LEDPI_WIDTH - 1) / LEDPI_WIDTH * LEDPI_WIDTH;

@@ -185,17 +185,12 @@ static LEDPI_INLINE void put_seen(const Panel *panel, const View *view, Eight x,
 }
 
 static LEDPI_INLINE void put_waves(const Panel *panel, const float *unknown, Eight row, Terms *t) {
-    for (int k = 0; k < 2; k++) {
-        const float *table = panel->waves + k * WAVE_STEPS;
+    for (int k = 0; k < 2; k++)
         for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
-            const float cycles = unknown[PHASE + k] + row[lane] * (float)panel->cycles_a_row[k];
-            const float at = (cycles - floorf(cycles)) * WAVE_STEPS;
-            const int32_t step = (int32_t)at;
-            const float here = table[step & (WAVE_STEPS - 1)], rise = table[(step + 1) & (WAVE_STEPS - 1)] - here;
-            t->wave[k][lane] = here + (at - (float)step) * rise;
-            t->later[k][lane] = rise * WAVE_STEPS;
+            float later;
+            t->wave[k][lane] = ledpi_panel_wave(panel, k, unknown[PHASE + k], row[lane], &later);
+            t->later[k][lane] = later;
         }
-    }
 }
 
 /* Adds the light of the cells that are the i-th of the lines across and the j-th of the one down. */
@@ -285,7 +280,6 @@ LEDPI_SIMD void ledpi_panel_sample(const Panel *panel, const View *view, const f
     put_places(view, h, across->at, v, &x, &y, &s->row);
     put_seen(panel, view, x, y, s);
     put_waves(panel, unknown, s->row, &t);
-    for (int k = 0; k < 2; k++) s->wave[k] = t.wave[k], s->later[k] = t.later[k];
     s->predicted = none + unknown[DARK];
     s->outside = none;
     for (int j = 0; j < 2; j++)

@@ -57,14 +57,17 @@ typedef struct {
 
 static LEDPI_SIMD Pair pair_of(const Weighing *w, const Sums *sums, ptrdiff_t aside, ptrdiff_t below) {
     const ptrdiff_t lines = w->fit.lines, each = w->each;
+    const double *const along = w->fit.along;
+    const bool even = along[each] - along[each - 1] < 1.01 * (along[1] - along[0]); /* across a border, too */
     Pair sum = {0.0, 0.0};
     double count = 0.0;
     for (ptrdiff_t j = below; j < lines; j++)
         for (ptrdiff_t i = aside > 0 ? aside : 0; i < lines + (aside < 0 ? aside : 0); i++) {
             const ptrdiff_t above = j - below, left = i - aside;
-            if (!sums->met[j][i].count || !sums->met[above][left].count) continue;
+            const bool same_cell = j / each == above / each && i / each == left / each;
+            if (!sums->met[j][i].count || !sums->met[above][left].count || !(same_cell || even)) continue;
             sum.left += (double)sums->left[j][i] * sums->left[above][left], count += 1.0;
-            if (j / each != above / each || i / each != left / each) continue;
+            if (!same_cell) continue;
             for (int k = 0; k < FREE; k++) sum.shared += (double)sums->share[j][i][k] * sums->share[above][left][k];
         }
     return (Pair){sum.left / fmax(count, 1.0), sum.shared / fmax(count, 1.0)};

@@ -69,7 +69,7 @@ def view_panel(sensor: SimulatedSensor, cells: int, side_m: float, distance_m: f
             host_offset_ns=0,
         )
         quad = locator.localise(frame, seen[0].corners_px)
-        shown = quad if isinstance(quad, Rejected) else locator.observe(frame, quad, sampled=False)
+        shown = quad if isinstance(quad, Rejected) else locator.observe(frame, quad)
         if isinstance(shown, Rejected):
             return shown
         shots.append(shown)

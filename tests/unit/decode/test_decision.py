@@ -11,6 +11,7 @@ from ledpi.core.records import Floats, PanelSpec, Rejected, Transfer
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.one_frame import read_frame
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import (
     SHORT_US,
@@ -26,7 +27,7 @@ from tests.builders.decode import (
     square,
     word,
 )
-from tests.builders.samples import evidence_at, read_at
+from tests.builders.samples import WEIGHER, evidence_at, observed, read_at
 
 ALL = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 # Patterns by the number of cells in which they differ from the nearest word of the dictionary, however it is turned
@@ -91,8 +92,9 @@ def test_corners_that_are_a_little_off_do_not_matter(seed: int) -> None:
     """Each corner by 0.2 px, in any direction."""
     canvas, corners = Canvas(), square(310.3, 240.6, 100, 4)
     canvas.panel(corners, word(7))
-    off = corners + 0.2 * np.random.default_rng(seed).standard_normal((4, 2))
-    assert reading_of(read_at(canvas.frame(seed), off, ALL)) == (7, 0)
+    seen = observed(canvas.frame(seed), corners)
+    off = seen.lattice_px + 0.2 * np.random.default_rng(seed).standard_normal((4, 2))
+    assert reading_of(read_frame(seen._replace(lattice_px=off), ALL, WEIGHER)) == (7, 0)
 
 
 def test_an_oblique_panel_is_read() -> None:
