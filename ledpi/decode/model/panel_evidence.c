@@ -263,7 +263,8 @@ static double add_prior(const Weighing *w, ptrdiff_t unknown, double variance, p
     const ptrdiff_t all = COMMON + OWN * w->fit.panel.cells * w->fit.panel.cells, size = COMMON + w->frees;
     const double weight = variance * w->fit.prior[all + unknown];
     const double off = unknown < WAYS || w->asked->compared ? 0.0 : w->fit.prior[unknown] - w->fit.unknown[unknown];
-    *fitted += matrix[at * (size + 2)] / fmax(matrix[at * (size + 2)] + weight, 1e-12);
+    const double told = fmax(0.0, matrix[at * (size + 2)]); /* what cells share is taken off, so rounding may leave less than none */
+    *fitted += told / fmax(told + weight, 1e-12);
     matrix[at * (size + 2)] += weight;
     matrix[at * (size + 1) + size] += weight * off;
     return weight * off * off;
