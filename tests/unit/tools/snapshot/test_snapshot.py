@@ -235,7 +235,7 @@ PICTURE = ("take/frames/000000.png", "--set", "panels.side_m=0.16")
         (("take", "--frame", "1"), "take, frame 1: ID 7 at "),
         (("take",), "take, frame 0: ID 7 at "),
         (("--set", "panels.side_m=0.16", "--set", "camera.source=simulated", "--frame", "2"), "simulated, frame 2: "),
-        (("--set", "camera.source=simulated"), "simulated, frame 0: ID 7 at "),
+        (("--set", "camera.source=simulated"), "simulated, frame [01]: ID 7 at "),  # which is read hangs on OpenCV
         (("--set", "panels.side_m=0.16", "--set", "camera.source=recording:take"), "take, frame 0: ID 7 at "),
         ((*PICTURE, "--set", "camera.row_time_us=33.67"), "000000.png: ID 7 without a pose, margin "),
     ],
@@ -248,7 +248,7 @@ def test_one_picture_and_what_was_read(
     capsys.readouterr()
     assert ledpi(monkeypatch, "snapshot", *arguments, "--out", "out.png") == 0
     printed = capsys.readouterr()
-    assert printed.out.startswith(f"out.png: {says}")
+    assert re.match(rf"out\.png: {says}", printed.out)
     assert all(line.startswith("  ") for line in printed.out.splitlines()[1:])
     picture = cv2.imread("out.png")
     assert picture is not None
