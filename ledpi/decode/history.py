@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 from ledpi.core.records import PanelSpec
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.light import LightWeigher
+from ledpi.decode.evidence.light import MOST_EACH_OF_SEVERAL, THIN, LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.frequency_search import Proposal
+from ledpi.decode.identify.innovation_gate import enough_to_confirm
 from ledpi.decode.observation import Observation
 from ledpi.decode.states import State
 
@@ -62,6 +63,15 @@ class History(NamedTuple):
         """The number of frames that showed the panel."""
         return self.memories[0].frames
 
+    @property
+    def is_clear(self) -> bool:
+        """Tells whether a ninth of a near panel's samples would confirm the ID that was read last."""
+        known = self.last
+        if known is None or not (memory := self.memories[known.group]).looked_at:
+            return False
+        frames = memory.frames_of(MOST_EACH_OF_SEVERAL // THIN)
+        return known.reading.likelihood > frames * enough_to_confirm(len(known.reading.cell_bands))
+
     def add_frame(
         self, seen: Observation, weigher: LightWeigher, *, searched: bool
     ) -> tuple[History, list[Evidence | None]]:
@@ -69,7 +79,8 @@ class History(NamedTuple):
 
         `searched`: frequencies are searched for, so the frame itself is kept, too.
         """
-        further, added = zip(*(memory.add_frame(seen, weigher) for memory in self.memories), strict=True)
+        thinly = self.is_clear
+        further, added = zip(*(memory.add_frame(seen, weigher, thinly=thinly) for memory in self.memories), strict=True)
         search = self.search.add_frame(seen) if searched else self.search
         return self._replace(memories=further, search=search), list(added)
 

@@ -21,7 +21,7 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.frequency_search import CHOICES, propose_frequencies
-from ledpi.decode.identify.innovation_gate import confirms, contradicts, expected_log_likelihood_ratio, prefers_others
+from ledpi.decode.identify.innovation_gate import confirms, contradicts, innovation_of
 from ledpi.decode.identify.one_frame import read_frame
 from ledpi.decode.observation import Observation
 from ledpi.decode.states import Ask, Event, State, rule_of
@@ -99,14 +99,15 @@ class Reader:
             return now, Event.ADDS
         newest, shown, memory = added[last.group], last.reading.cell_bands, now.memories[last.group]
         like = 0.0
-        if newest is not None:
-            if contradicts(newest, shown):
+        if newest is not None and memory.mean is not None:
+            innovation = innovation_of(newest, shown)
+            if innovation.contradicts:
                 return now, Event.CONTRADICTS
-            usual = last.reading.likelihood / before.memories[last.group].effective_frames
-            like = expected_log_likelihood_ratio(newest, shown) / usual
-            if like > TYPICAL_SHARE and not prefers_others(newest, shown):
+            usual = last.reading.likelihood / before.memories[last.group].frames_of(memory.mean.each)
+            like = innovation.expected / usual
+            if like > TYPICAL_SHARE and not innovation.prefers_others:
                 is_decided_alone = is_deep(band_prior(seen.frame, memory.spec))
-                return now, Event.MATCHES if not is_decided_alone and confirms(newest, shown) else Event.ADDS
+                return now, Event.MATCHES if not is_decided_alone and innovation.confirms else Event.ADDS
         alone = memory.newest_evidence(self._weigher)
         fails = not confirms(alone, shown) if like < UNLIKE else contradicts(alone, shown)
         return now, Event.ADDS_NOTHING if fails else Event.ADDS

@@ -30,8 +30,8 @@ from ledpi.kernels.lens import bending_lens_of
 from ledpi.kernels.library import NONE, lib
 
 # Samples along a cell, one a pixel but for these: fewer tell no bands from gains. Of several frames, which add up, each
-# may have fewer.
-FEWEST_EACH, MOST_EACH_OF_SEVERAL = 3, 12
+# may have fewer; and of a panel that is clear a third of these: still two for each unknown.
+FEWEST_EACH, MOST_EACH_OF_SEVERAL, THIN = 3, 12, 3
 MOST_EACH: int = lib.LEDPI_MOST_EACH
 # Of a frame by itself no sample is in a pixel that a border may cross: within half of its diagonal. How dark that is
 # hangs on where a wall's edge crosses it, in each cell by itself. Half of a small cell is left.
@@ -57,6 +57,17 @@ class Mean:
     def cells(self) -> int:
         """Along a side."""
         return math.isqrt((len(self.built) - COMMON) // OWN)
+
+    @property
+    def thinned(self) -> Mean:
+        """The same on every third line, if it has as many as there are: thirds have their middles on lines of these."""
+        if self.each < MOST_EACH_OF_SEVERAL:
+            return self
+        every = slice(THIN // 2, None, THIN)
+        light, count, waves = (
+            np.ascontiguousarray(of[..., every, every]) for of in (self.light, self.count, self.waves)
+        )
+        return Mean(light=light, count=count, waves=waves, built=self.built)
 
     def add(self, frame: Mean, most_frames: float) -> Mean:
         """The mean with a further frame; it remembers `most_frames`."""
@@ -113,9 +124,11 @@ class LightWeigher:
         """The evidence of the mean picture, read as one frame; `seen` is its newest."""
         return self._weigh(seen, spec, 0.0, mean.each, mean, built=mean.built)[1]
 
-    def is_comparable(self, seen: Observation, mean: Mean) -> bool:
-        """Tells whether the panel's size in the picture still suits the mean's grid."""
-        return abs(self._each(seen, MOST_EACH_OF_SEVERAL) - mean.each) <= max(1.0, SAME_GRID * mean.each)
+    def is_comparable(self, seen: Observation, mean: Mean, *, thinly: bool) -> bool:
+        """Tells whether the mean's grid suits the panel's size in the picture still; `thinly`: where it may be thin."""
+        each = self._each(seen, MOST_EACH_OF_SEVERAL)
+        suits = (each, self._each(seen, MOST_EACH_OF_SEVERAL // THIN)) if thinly else (each,)
+        return any(abs(of - mean.each) <= max(1.0, SAME_GRID * mean.each) for of in suits)
 
     def _each(self, seen: Observation, most: int = MOST_EACH) -> int:
         pitch = pitch_px_of(seen.lattice_px / seen.window.shrink, self._cells)

@@ -57,32 +57,37 @@ class PanelMemory(NamedTuple):
     last: Observation | None = None
     mean: Mean | None = None  # picture of the frames on one grid; None where the last one alone is
     comparisons: ComparisonSum | None = None
+    looked_at: float = 0.0  # samples of a cell that these are from, and those of a first frame; old ones fade alike
 
     def begin(self, seen: Observation) -> PanelMemory:
         """The memory of a first frame."""
         return self._replace(frames=1, origin_ns=seen.frame.row0_readout_ns, last=seen)
 
-    def add_frame(self, seen: Observation, weigher: LightWeigher) -> tuple[PanelMemory, Evidence | None]:
+    def add_frame(
+        self, seen: Observation, weigher: LightWeigher, *, thinly: bool = False
+    ) -> tuple[PanelMemory, Evidence | None]:
         """The memory with one more frame, and the evidence that this adds by comparison with those before, if any.
 
-        A frame on another grid cannot be compared.
+        `thinly`: by fewer samples, where the panel is near. A frame on another grid cannot be compared.
         """
         if not self.frames:
             return self.begin(seen), None
         further = self._replace(frames=self.frames + 1, last=seen, mean=None)
-        before = self._mean(weigher)
-        if not weigher.is_comparable(seen, before):
+        before = self._mean(weigher).thinned if thinly else self._mean(weigher)
+        if not weigher.is_comparable(seen, before, thinly=thinly):
             return further, None  # what was learnt of the bands stays, the picture does not
         picture, added = weigher.compare(seen, self.spec, further._since_s(seen), before)
         further = further._replace(mean=before.add(picture, MEAN_FRAMES))
         if added is None:
             return further, None
-        return further._replace(comparisons=ComparisonSum.accumulate(self.comparisons, added)), added
+        samples = before.each**2
+        looked_at = FORGETTING * (self.looked_at or samples) + samples
+        comparisons = ComparisonSum.accumulate(self.comparisons, added)
+        return further._replace(comparisons=comparisons, looked_at=looked_at), added
 
-    @property
-    def effective_frames(self) -> float:
-        """Number of frames that the evidence is worth, as old ones have faded."""
-        return min(self.frames, 1.0 / (1.0 - FORGETTING))
+    def frames_of(self, each: int) -> float:
+        """Number of frames, with so many samples along a cell, that the evidence is worth."""
+        return max(1.0, self.looked_at / each**2)
 
     @property
     def newest(self) -> Observation:

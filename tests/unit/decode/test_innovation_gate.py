@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from statistics import NormalDist
+
 import numpy as np
 import pytest
 
 from ledpi.core.records import Floats, Mask
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.innovation_gate import confirms, contradicts
+from ledpi.decode.identify.innovation_gate import confirms, contradicts, enough_to_confirm
 
 DEPTH = 0.5
 WHITE = np.arange(16) % 2 == 1
@@ -64,6 +67,14 @@ def test_a_frame_with_bands_in_other_cells_confirms_nothing(swapped: int, inform
     """A word may share three quarters of its cells with another: it is likelier than no bands, and yet not shown."""
     frame = frame_with(bands(WHITE ^ (np.arange(16) < swapped)), information)
     assert not confirms(frame, bands(WHITE))
+
+
+@pytest.mark.parametrize("cells", [16, 36])
+def test_so_much_confirms_a_panel_but_once_in_a_thousand(cells: int) -> None:
+    """A ratio of mean E and variance 2E, by hand: less than what unchanged cells ask for in one frame of a thousand."""
+    enough = enough_to_confirm(cells)
+    asked = 5.0 + 4.0 * 0.2 * cells
+    assert NormalDist(enough, math.sqrt(2.0 * enough)).cdf(asked) == pytest.approx(1e-3, rel=0.05)
 
 
 def test_a_frame_that_says_nothing_by_itself_confirms_nothing() -> None:

@@ -125,3 +125,24 @@ def test_what_was_read_stays_so_by_less_than_a_first_reading_asks_for(marker_id:
     assert read_id(strict.read(due, observed(frame, FARTHER)).identity) == still
     unread = history._replace(state=State.UNREAD, last=None)
     assert read_id(strict.read(unread, observed(frame, FARTHER)).identity) == "identify.not_in_dictionary"
+
+
+@pytest.mark.parametrize(("side", "each"), [(75, 4), (36, 9)])
+def test_a_panel_that_is_clear_is_compared_by_a_ninth_of_its_samples(reader: Reader, side: float, each: int) -> None:
+    """Twelve along a cell are four, once two frames have shown that these would confirm it; small cells keep all."""
+    where, history = square(300.3, 200.6, side, 8.0), History.empty((SPEC,))
+    for seq in range(6):
+        history, read = further(reader, history, panel_frame(seq, where), where)
+    assert read_id(read) == 7
+    mean = history.memories[0].mean
+    assert mean is not None
+    assert mean.each == each
+
+
+def test_a_panel_that_is_compared_by_fewer_samples_is_still_told_from_another(reader: Reader) -> None:
+    """In the very frame that shows the other one."""
+    history = History.empty((SPEC,))
+    for seq in range(12):
+        history, _ = further(reader, history, panel_frame(seq, NEAR), NEAR)
+    history, read = further(reader, history, panel_frame(12, NEAR, marker_id=23), NEAR)
+    assert read_id(read) == 23

@@ -68,7 +68,7 @@ STORIES = {  # the first word is the distance
         "1 panel ADDS READ"
     ),
     "near, of frames that do not add up the newest still shows the ID": (
-        "1 drifting ADDS READ, 8 drifting MATCHES READ, 1 drifting ADDS READ, 2 drifting MATCHES READ"
+        "1 drifting ADDS READ, 8 drifting MATCHES READ, 1 drifting ADDS_NOTHING READ, 2 drifting MATCHES READ"
     ),
     "near, what was doubted was another panel": (
         "1 panel ADDS READ, 2 panel MATCHES READ, 2 aside ADDS_NOTHING DOUBTED, 1 other CONTRADICTS READ"
@@ -85,7 +85,7 @@ STORIES = {  # the first word is the distance
         "1 off ADDS UNREAD, 1 off ADDS READ, 1 off CONTRADICTS UNREAD, 1 off ADDS RETUNING, 3 off MATCHES RETUNING"
     ),
     "near, a class that is half as far off shows it after ten frames": (
-        "1 half-off ADDS READ, 8 half-off MATCHES READ, 1 half-off ADDS RETUNING, 1 half-off MATCHES RETUNING"
+        "1 half-off ADDS READ, 8 half-off MATCHES READ, 1 half-off ADDS_NOTHING RETUNING, 1 half-off MATCHES RETUNING"
     ),
 }
 
