@@ -8,8 +8,6 @@
 #define WEIGHED_SHARE 0.5 /* and while more of them than this will go, what does not fit is not told from what is not fitted yet */
 #define SHALLOW 0.25 /* of the squares that bands should explain */
 #define NATS_NEEDED 11.3
-#define LEAST_DAMPING 0.01 /* of the diagonal */
-#define WITHIN_NOISE 1.0 /* Newton's decrement, squared: by so many deviations a step moves all unknowns together */
 #define NEAR 0.01 /* of half the side: a step so short no longer moves samples */
 
 ptrdiff_t ledpi_panel_room(void) { return (ptrdiff_t)sizeof(Work); }
@@ -65,35 +63,24 @@ static float ridge_of(const Fitting *fit, const Work *work) {
     return (float)(variance_of(work) * fit->prior[unknowns + COMMON + 1]);
 }
 
-/* Where a step begins, beside work->before. */
+/* Where a step began. */
 typedef struct {
     Point corners[4];
-    double unknown[MOST_UNKNOWN], variance, left, inside, used, light, light2;
-    ptrdiff_t samples;
+    double unknown[MOST_UNKNOWN], variance;
 } Start;
 
-static void copy_products(const Fitting *fit, const Products *from, Products *to) {
-    const size_t owns = (size_t)fit->owns;
-    memcpy(to->common, from->common, sizeof to->common);
-    memcpy(to->mixed, from->mixed, owns * sizeof *to->mixed);
-    memcpy(to->own, from->own, owns * owns * sizeof *to->own);
-}
-
-static void keep_start(const Fitting *fit, Work *work, Start *start) {
-    *start = (Start){.variance = variance_of(work), .left = work->left, .inside = work->inside, .used = work->used,
-                     .light = work->light, .light2 = work->light2, .samples = work->samples};
+static void keep_start(const Fitting *fit, const Work *work, Start *start) {
     memcpy(start->corners, fit->corners, sizeof start->corners);
     memcpy(start->unknown, fit->unknown, sizeof(double) * (size_t)(COMMON + OWN * fit->panel.cells * fit->panel.cells));
-    copy_products(fit, &work->products, &work->before);
+    start->variance = variance_of(work);
 }
 
-static void go_back(Fitting *fit, const Start *start, double h[9], Work *work) {
-    memcpy(fit->corners, start->corners, sizeof start->corners);
-    memcpy(fit->unknown, start->unknown, sizeof(double) * (size_t)(COMMON + OWN * fit->panel.cells * fit->panel.cells));
-    work->left = start->left, work->inside = start->inside, work->used = start->used;
-    work->light = start->light, work->light2 = start->light2, work->samples = start->samples;
-    copy_products(fit, &work->before, &work->products);
-    ledpi_unit_square_homography(fit->corners, h);
+/* Takes a share of a step back. */
+static void go_back(Fitting *fit, double share, const Start *start) {
+    double *const corners = (double *)fit->corners;
+    for (int i = 0; i < 8; i++) corners[i] += share * (((const double *)start->corners)[i] - corners[i]);
+    for (ptrdiff_t i = 0; i < COMMON + OWN * fit->panel.cells * fit->panel.cells; i++)
+        fit->unknown[i] += share * (start->unknown[i] - fit->unknown[i]);
 }
 
 /* Puts all sums where the fit is, after the phases have been sought if they are to be. */
@@ -112,35 +99,28 @@ static bool look(Fitting *fit, double h[9], bool phasing, Work *work) {
     return true;
 }
 
-/* Rounds of Gauss and Newton, until nothing moves. What comes out was looked at, but for a last step that hardly moves anything.
- * A step that leaves more than was left before goes too far, as the equation is not straight: it is taken back, and damped
- * (Marquardt, J. Soc. Ind. Appl. Math. 11, 1963). */
+/* Rounds of Gauss and Newton, until nothing moves; a step that leaves more than was left before is halved. What comes out was
+ * looked at, but for a last step that hardly moves anything: a step goes too far where the equation is far from straight. */
 static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
     const PanelFit *const asked = fit->asked;
     Start start = {.variance = INFINITY};
-    double damping = 0.0;
     *settled = false;
     for (ptrdiff_t round = 0;; round++) {
-        const bool last = round >= asked->rounds;
         if (!look(fit, h, asked->phasing && round == 0, work)) return LEDPI_WITHOUT_BANDS;
-        if (variance_of(work) > (1.0 + SETTLED_SHARE) * start.variance) {
-            go_back(fit, &start, h, work);
-            damping = fmax(LEAST_DAMPING, 10.0 * damping);
-            if (last) look(fit, h, false, work); /* what blocks leave, too */
-        } else {
-            keep_start(fit, work, &start);
-            damping = damping > LEAST_DAMPING ? 0.1 * damping : 0.0;
-        }
+        const bool goes_too_far = variance_of(work) > (1.0 + SETTLED_SHARE) * start.variance, last = round >= asked->rounds;
+        if (goes_too_far) go_back(fit, last ? 1.0 : 0.5, &start);
+        if (goes_too_far && !last) continue;
+        if (goes_too_far) look(fit, h, false, work);
+        keep_start(fit, work, &start);
+        if (!ledpi_panel_solve_step(fit, work)) return LEDPI_DIVERGED;
         if (last) return LEDPI_FITTED;
-        if (!ledpi_panel_solve_step(fit, damping, work)) return LEDPI_DIVERGED;
         const int foreseen = round ? outlook(fit, h, work) : LEDPI_FITTED;
         const double moved = ledpi_panel_take_step(fit, h, work);
         if (!(moved < 1e3)) return LEDPI_DIVERGED;
-        const double decrement = work->decrease * (double)(work->samples - fit->size);
-        const bool is_full = damping == 0.0, is_near = moved < NEAR || decrement < (double)fit->size;
-        *settled = is_full && !fit->reweightings && (decrement < WITHIN_NOISE || (moved < asked->tolerance && work->decrease < SETTLED_SHARE));
+        const bool near = moved < NEAR && work->decrease < WEIGHED_SHARE;
+        *settled = moved < asked->tolerance && work->decrease < SETTLED_SHARE && !fit->reweightings;
         if (*settled || foreseen != LEDPI_FITTED) return foreseen;
-        if (is_full && is_near && work->decrease < WEIGHED_SHARE && fit->reweightings) {
+        if (near && fit->reweightings) {
             ledpi_panel_weigh_blocks(fit->panel.cells, work);
             fit->reweightings--;
             start.variance = INFINITY; /* of other weights */
@@ -159,7 +139,6 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     const int outcome = iterate(&fit, h, &asked->settled, work);
     asked->sampled = work->sampled;
     if (outcome != LEDPI_FITTED) return outcome;
-    if (!ledpi_panel_weigh(&fit, work)) return LEDPI_DIVERGED;
     ledpi_unit_square_homography(fit.corners, h);
     ledpi_panel_put_covariance(&fit, h, work);
     ledpi_panel_put_lit(&fit, h, asked->hidden);

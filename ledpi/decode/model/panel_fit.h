@@ -31,7 +31,7 @@ typedef struct {
     Lines across[LEDPI_MOST_LINES / LEDPI_WIDTH];
     float numbers[9], unknown[MOST_UNKNOWN]; /* of the homography; as they are before this round */
     float columns[(LEDPI_AT_ONCE + LEDPI_MOST_LINES + LEDPI_WIDTH) * DENSE];
-    Products products, before; /* of this round; of where its step began */
+    Products products;
     double matrix[MOST_UNKNOWN * (MOST_UNKNOWN + 1)], step[MOST_UNKNOWN];
     float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];
     double weight[MOST_BLOCKS], squares[MOST_BLOCKS], sum[MOST_BLOCKS], count[MOST_BLOCKS];
@@ -82,14 +82,8 @@ void ledpi_panel_sum_up(const Fitting *fit, bool phasing, Work *work);
 /* Weighs each block by how large its residuals are beside the usual ones of the cells' blocks. */
 void ledpi_panel_weigh_blocks(ptrdiff_t cells, Work *work);
 
-/* The step, in the matrix's order of unknowns. What is at a limit and would cross it stays, and the others' steps are what goes
- * with that (Bertsekas 1982). `damping`: of the diagonal, by how much it grows; then what only comes to a limit ends there, too
- * (panel_step.c). */
-bool ledpi_panel_solve_step(Fitting *fit, double damping, Work *work);
-
-/* The variance of what the fit leaves, and the matrix as it is eliminated for covariances: what is near a limit may still go
- * either way (panel_step.c). */
-bool ledpi_panel_weigh(Fitting *fit, Work *work);
+/* The step, in the matrix's order of unknowns; leaves what that was eliminated to (panel_step.c). */
+bool ledpi_panel_solve_step(Fitting *fit, Work *work);
 
 /* Takes the step. Returns how far it moves the homography. */
 double ledpi_panel_take_step(Fitting *fit, const double h[9], Work *work);

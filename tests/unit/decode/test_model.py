@@ -270,16 +270,6 @@ def test_the_gauge_between_profile_and_corners_widens_the_covariance_along_a_shi
     assert sigma_px(even=False) > 2.0 * sigma_px(even=True)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_a_fit_settles_where_a_step_would_go_beyond_a_limit(seed: int) -> None:
-    """No gaps between small cells, none less than none: the other unknowns go with the step that is left of that."""
-    corners = square(80.3 + seed / 7, 80.6, 40, 12 + 3 * seed)
-    panel = Panel(corners=corners, gap=0.0)
-    window = window_of(panel.light(), noise=0.02)
-    even = fitted(panel, window, corners + 0.3, Effort(rounds=6, tolerance=0.02, even=True))
-    assert fitted(panel, window, even.lattice_px, WHOLE, even.unknown).settled
-
-
 @pytest.mark.parametrize("blinks", [True, False])
 @pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 2000.0, *EXPOSURES_US[1:]])
 def test_a_steady_square_is_without_bands(exposure_us: float, blinks: bool) -> None:
