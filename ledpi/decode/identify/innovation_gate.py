@@ -73,7 +73,7 @@ def confirms(alone: Evidence | None, cell_bands: Floats) -> bool:
 
 
 def enough_to_confirm(cells: int) -> float:
-    """Log-likelihood ratio to no bands, in nats, of a frame that confirms a panel of so many cells but once in 1,000.
+    """Log-likelihood ratio to no bands, in nats, at which all frames but one in 1,000 confirm a panel of so many cells.
 
     It is normal with mean E and variance 2E: the E of which E − Z·√(2E) is as much as is asked for.
     """
