@@ -36,7 +36,8 @@ MOST_WAITING_BYTES = 1 << 23
 # Between two turns, in each of which a client may ask one thing.
 PACE_S = 0.002
 # Of a processor's time, that clients may take by what they ask, connect and read: however many flood the tap, the
-# decoder needs the interpreter. After a turn for them only frames and health are sent, until so much has passed.
+# decoder needs the interpreter. After a turn for them, or with a picture, only frames and health are sent, until so
+# much has passed.
 CLIENTS_SHARE = 0.05
 # Frames that are passed over for one of which the whole picture was searched, where somebody wants to know what was
 # rejected: a stream searches in every third.
@@ -172,7 +173,8 @@ class Tap:
         """Waits for something to do, and does it."""
         time.sleep(max(0.0, min(PACE_S, self._turned_s + PACE_S - time.monotonic())))
         pause_s, worked_s = self._heard_from_s - time.monotonic(), time.thread_time()
-        if pause_s > 0.0:
+        heard, pictured_s = pause_s <= 0.0, self._pictured_s
+        if not heard:
             self._crowd.wait_for_bell(pause_s)
         else:
             self._crowd.wait(PICTURE_EVERY_S if self._asked and self._wanted is None else _TURN_S)
@@ -183,10 +185,12 @@ class Tap:
         self._greet()
         self._pass_on()
         self._crowd.send()
-        if pause_s <= 0.0:
-            self._heard_from_s = time.monotonic() + (time.thread_time() - worked_s) / CLIENTS_SHARE
+        if heard or self._pictured_s > pictured_s:
+            since_s = max(time.monotonic(), self._heard_from_s)
+            self._heard_from_s = since_s + (time.thread_time() - worked_s) / CLIENTS_SHARE
         self._asked = [(follower, request) for follower, request in self._asked if not follower.is_gone]
-        self._ask_for_picture()
+        if heard:
+            self._ask_for_picture()
         self._followed = len(self._crowd) > 0
 
     def _answer_commands(self) -> None:
