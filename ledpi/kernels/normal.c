@@ -67,7 +67,14 @@ static LEDPI_INLINE void take_off(const double *const rows[4], double factors[2]
     }
 }
 
-/* Four unknowns are taken off all further rows at a time, so that each of these is read and written a quarter as often. */
+static bool are_none(double factors[2][4]) {
+    for (int j = 0; j < 4; j++)
+        if (factors[0][j] != 0.0 || factors[1][j] != 0.0) return false;
+    return true;
+}
+
+/* Four unknowns are taken off all further rows at a time, so that each of these is read and written a quarter as often; but for
+ * rows that have nothing to do with them, as cells that do not touch. */
 LEDPI_SIMD double ledpi_eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to) {
     const ptrdiff_t stride = size + 1;
     double explained = 0.0;
@@ -94,6 +101,7 @@ LEDPI_SIMD double ledpi_eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from
                 factors[0][j] = rows[j][i] * inverse[j];
                 factors[1][j] = i + 1 < size ? rows[j][i + 1] * inverse[j] : 0.0;
             }
+            if (are_none(factors)) continue;
             double *own = matrix + i * stride;
             own[i] -= (factors[0][0] * rows[0][i] + factors[0][1] * rows[1][i]) + (factors[0][2] * rows[2][i] + factors[0][3] * rows[3][i]);
             take_off(rows, factors, i + 1, size + 1, own, i + 1 < size ? own + stride : NULL);

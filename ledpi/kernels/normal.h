@@ -5,25 +5,13 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Numbers that are treated at once: eight, but on 64-bit ARM four, as its registers have. Wider vectors GCC keeps in
- * memory there, at five instructions for one. */
-#ifdef __aarch64__
-#define LEDPI_WIDTH 4
-#else
-#define LEDPI_WIDTH 8 /* two registers, where there is no AVX */
-#endif
-typedef float Eight __attribute__((vector_size(4 * LEDPI_WIDTH), aligned(4)));
-
-static inline float ledpi_total(Eight of) {
-    for (int lane = 4; lane < LEDPI_WIDTH; lane++) of[lane - 4] += of[lane];
-    return (of[0] + of[1]) + (of[2] + of[3]);
-}
+#include "simd.h"
 
 #define LEDPI_AT_ONCE 64 /* rows whose 100 columns or so stay in the cache */
 #define LEDPI_RIDGE 1e-5 /* of the mean diagonal: what may be singular but for rounding is made solvable */
 
 /* The sum of the products of two columns; `count` is a multiple of eight. */
-static inline __attribute__((always_inline)) float ledpi_product(const float *a, const float *b, ptrdiff_t count) {
+static LEDPI_INLINE float ledpi_product(const float *a, const float *b, ptrdiff_t count) {
     enum { CHAINS = 16 / LEDPI_WIDTH }; /* none waits for another */
     Eight sums[CHAINS] = {{0}};
     ptrdiff_t i = 0;

@@ -100,9 +100,10 @@ Line ledpi_panel_line(double at, ptrdiff_t cells, Blur blur, const Walls *walls)
 /* Puts lines side by side; the last one repeats where they are fewer than eight (panel_light.c). */
 void ledpi_panel_lines(const Line *lines, const double *along, ptrdiff_t count, ptrdiff_t cells, Lines *out);
 
-/* The samples where eight lines across meet one down, by homography h and the unknowns (panel_light.c). */
-void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown, const Lines *across,
-                        const Line *down, float v, Samples *out);
+/* The samples where eight lines across meet one down, at v (0..1), by homography h and the unknowns; `profile` is that of the
+ * one down (panel_light.c). */
+void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown, const Profile *profile,
+                        const Lines *across, const Line *down, float v, Samples *out);
 
 /* What is seen at eight places u, v of the panel (0..1): `seen`, `row` and `tells` (panel_light.c). */
 void ledpi_panel_look(const Panel *panel, const View *view, const float *h, const float *u, float v, Samples *out);

@@ -106,12 +106,12 @@ static LEDPI_INLINE void put_sample(const Weighing *w, const Samples *s, int lan
 static LEDPI_SIMD void put_samples(const Weighing *w, Work *work, Sums *sums) {
     const Fitting *const fit = &w->fit;
     sums->samples = 0;
-    for (ptrdiff_t j = 0; j < fit->lines; j++)
+    for (ptrdiff_t j = 0; j < fit->lines; j++) {
+        const Profile profile = ledpi_panel_profile(work->unknown, &work->grid[1][j]);
         for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH) {
             Samples s;
             const Lines *const across = work->across + i / LEDPI_WIDTH;
-            ledpi_panel_sample(&fit->panel, &fit->view, work->numbers, work->unknown, across, &work->grid[1][j],
-                               (float)(fit->along[j] / (double)fit->panel.cells), &s);
+            ledpi_panel_sample_at(fit, work, &profile, i, j, &s);
             for (int lane = 0; lane < LEDPI_WIDTH && i + lane < fit->lines; lane++) {
                 const ptrdiff_t x = i + lane, at = j * fit->lines + x;
                 Met *const met = &sums->met[j][x];
@@ -128,6 +128,7 @@ static LEDPI_SIMD void put_samples(const Weighing *w, Work *work, Sums *sums) {
                 sums->samples++;
             }
         }
+    }
 }
 
 /* Does something at each place of a cell, `across` and `down`. */
@@ -183,13 +184,13 @@ static LEDPI_SIMD void weigh_places(const Weighing *w, Sums *sums) {
 /* Weighs each block by what the fit, and what cells share, leave there. Returns their variance. */
 static LEDPI_SIMD double weigh_blocks(const Weighing *w, Work *work, Sums *sums) {
     const ptrdiff_t cells = w->fit.panel.cells, lines = w->fit.lines;
-    const double *const along = w->fit.along;
     double left2 = 0.0;
+    ledpi_panel_put_blocks(&w->fit, work);
     memset(work->squares, 0, sizeof work->squares);
     memset(work->count, 0, sizeof work->count);
     for (ptrdiff_t j = 0; j < lines; j++)
         for (ptrdiff_t i = 0; i < lines; i++) {
-            const ptrdiff_t block = ledpi_panel_block(along[i], along[j], cells);
+            const ptrdiff_t block = work->block[j][i];
             if (!sums->met[j][i].count) continue;
             work->squares[block] += sums->left[j][i] * sums->left[j][i], work->count[block] += 1.0;
         }
@@ -197,7 +198,7 @@ static LEDPI_SIMD double weigh_blocks(const Weighing *w, Work *work, Sums *sums)
     ledpi_panel_weigh_blocks(cells, work);
     for (ptrdiff_t j = 0; j < lines; j++)
         for (ptrdiff_t i = 0; i < lines; i++) {
-            weigh((float)sqrt(work->weight[ledpi_panel_block(along[i], along[j], cells)]), j, i, sums);
+            weigh((float)sqrt(work->weight[work->block[j][i]]), j, i, sums);
             if (sums->met[j][i].count) left2 += sums->left[j][i] * sums->left[j][i];
         }
     return left2 / fmax((double)sums->samples, 1.0);

@@ -135,6 +135,7 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     double h[9];
     Fitting fit = ledpi_panel_begun(asked, asked);
     for (ptrdiff_t b = 0; b < blocks; b++) work->weight[b] = 1.0;
+    ledpi_panel_put_blocks(&fit, work);
     work->sampled = 0;
     const int outcome = iterate(&fit, h, &asked->settled, work);
     asked->sampled = work->sampled;

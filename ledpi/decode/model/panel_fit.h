@@ -21,9 +21,13 @@ typedef struct {
     double *unknown, *covariance, explained, variance, sought[2]; /* phases, as the grid has them */
 } Fitting;
 
-/* Sums of products of the columns; of COMMON, of each cell's OWN with COMMON, and of these among each other. */
+/* The OWN of a cell, side by side; the fourth is none. */
+typedef float Four __attribute__((vector_size(16), aligned(4)));
+
+/* Sums of products of the columns; of COMMON, of each cell's OWN with COMMON, and of these with each cell's. */
 typedef struct {
-    float common[DENSE * DENSE], mixed[MOST_OWN][DENSE], own[MOST_OWN * MOST_OWN];
+    float common[DENSE * DENSE], mixed[MOST_OWN][DENSE];
+    Four own[MOST_OWN][MOST_CELLS * MOST_CELLS];
 } Products;
 
 typedef struct {
@@ -34,6 +38,7 @@ typedef struct {
     Products products;
     double matrix[MOST_UNKNOWN * (MOST_UNKNOWN + 1)], step[MOST_UNKNOWN];
     float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];
+    int16_t block[LEDPI_MOST_LINES][LEDPI_MOST_LINES]; /* of the grid's places, down and across */
     double weight[MOST_BLOCKS], squares[MOST_BLOCKS], sum[MOST_BLOCKS], count[MOST_BLOCKS];
     double left, inside, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
     double decrease; /* of the squared residuals, that the step should bring: a share of them */
@@ -50,19 +55,41 @@ static inline int ledpi_ascending(const void *a, const void *b) {
 /* A cell that a sample shows, and the sample's slopes by its OWN. */
 typedef struct {
     ptrdiff_t cell;
-    float by[OWN];
+    Four by;
 } Owned;
 
+/* Of eight samples the weighted slopes by the OWN of the cells that meet there: by the cell down, the lane, the cell across. */
+typedef struct {
+    float by[2][LEDPI_WIDTH][2][4];
+} Owns;
+
+static LEDPI_INLINE void ledpi_panel_put_owns(const Samples *s, Owns *owns) {
+    for (int j = 0; j < 2; j++) {
+#if LEDPI_WIDTH == 4
+        for (int i = 0; i < 2; i++) {
+            Eight rows[LEDPI_WIDTH] = {{0}};
+            for (int k = 0; k < OWN; k++) rows[k] = s->weight * s->own[j][i][k];
+            ledpi_transpose(rows);
+            for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Eight *)owns->by[j][lane][i] = rows[lane];
+        }
+#else
+        Eight rows[LEDPI_WIDTH] = {{0}};
+        for (int i = 0; i < 2; i++)
+            for (int k = 0; k < OWN; k++) rows[4 * i + k] = s->weight * s->own[j][i][k];
+        ledpi_transpose(rows);
+        for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Eight *)owns->by[j][lane] = rows[lane];
+#endif
+    }
+}
+
 /* The cells that meet at a sample, by their number. Returns how many. */
-static LEDPI_INLINE int ledpi_panel_met(const Samples *s, int lane, const Lines *across, const Line *down, ptrdiff_t cells, Owned met[4]) {
+static LEDPI_INLINE int ledpi_panel_met(const Owns *owns, int lane, const Lines *across, const Line *down, ptrdiff_t cells, Owned met[4]) {
     const int above = down->cell[1] < down->cell[0], left = across->cell[1][lane] < across->cell[0][lane];
     int count = 0;
     for (int n = 0; n < 4; n++) {
         const int j = (n / 2) ^ above, i = (n % 2) ^ left;
         if (!(across->light[i][lane] * down->light[j] > NO_LIGHT)) continue;
-        met[count].cell = down->cell[j] * cells + across->cell[i][lane];
-        for (int k = 0; k < OWN; k++) met[count].by[k] = s->weight[lane] * s->own[j][i][k][lane];
-        count++;
+        met[count++] = (Owned){down->cell[j] * cells + across->cell[i][lane], *(const Four *)owns->by[j][lane][i]};
     }
     return count;
 }
@@ -70,11 +97,18 @@ static LEDPI_INLINE int ledpi_panel_met(const Samples *s, int lane, const Lines 
 /* A fit as it is asked for, before its first round (panel_fit.c). */
 Fitting ledpi_panel_begun(const PanelFit *asked, PanelFit *into);
 
-/* The block that a place, in cells, is weighed with: a part of a cell, or what is beside one (panel_sums.c). */
-ptrdiff_t ledpi_panel_block(double across, double down, ptrdiff_t cells);
+/* Puts the blocks that places of the grid are weighed with (panel_sums.c). */
+void ledpi_panel_put_blocks(const Fitting *fit, Work *work);
 
 /* Puts the lines of the grid where homography h and the unknowns have them (panel_sums.c). */
 void ledpi_panel_put_grid(Fitting *fit, const double h[9], Work *work);
+
+/* The samples on the grid's lines across from the i-th on, and the j-th down; `profile` is that of this one. */
+static LEDPI_INLINE void ledpi_panel_sample_at(const Fitting *fit, const Work *work, const Profile *profile, ptrdiff_t i, ptrdiff_t j,
+                                               Samples *s) {
+    ledpi_panel_sample(&fit->panel, &fit->view, work->numbers, work->unknown, profile, work->across + i / LEDPI_WIDTH, &work->grid[1][j],
+                       (float)(fit->along[j] / (double)fit->panel.cells), s);
+}
 
 /* Sums over the grid; by rows where `phasing`. */
 void ledpi_panel_sum_up(const Fitting *fit, bool phasing, Work *work);

@@ -81,12 +81,12 @@ static LEDPI_INLINE double put_sample(const Fitting *fit, const Samples *s, int 
 }
 
 /* Weighs each block by what the fit leaves there. */
-static void weigh(const Fitting *fit, const Work *work, PanelPicture *p) {
+static void weigh(const Work *work, PanelPicture *p) {
     const ptrdiff_t size = p->lines * p->width;
     for (ptrdiff_t j = 0; j < p->lines; j++)
         for (ptrdiff_t i = 0; i < p->lines; i++) {
             const ptrdiff_t at = j * p->width + i;
-            const float root = (float)sqrt(work->weight[ledpi_panel_block(fit->along[i], fit->along[j], fit->panel.cells)]);
+            const float root = (float)sqrt(work->weight[work->block[j][i]]);
             p->weight[at] *= root, p->light[at] *= root;
             for (ptrdiff_t k = 0; k < p->unknowns; k++) p->slopes[k * size + at] *= root;
             for (ptrdiff_t k = 0; k < p->waves; k++) p->shown[k * size + at] *= root;
@@ -102,24 +102,26 @@ LEDPI_SIMD void ledpi_panel_picture(const PanelFit *fitted, const double *shares
     put_covariance_of(&fit, h, fitted, p);
     for (ptrdiff_t i = 0; i < COMMON + OWN * cells * cells; i++) work->unknown[i] = (float)fit.unknown[i];
     ledpi_panel_put_grid(&fit, h, work);
+    ledpi_panel_put_blocks(&fit, work);
     memset(p->weight, 0, sizeof(float) * (size_t)size), memset(p->light, 0, sizeof(float) * (size_t)size);
     memset(p->slopes, 0, sizeof(float) * (size_t)(size * p->unknowns)), memset(p->shown, 0, sizeof(float) * (size_t)(size * p->waves));
     memset(work->squares, 0, sizeof work->squares), memset(work->count, 0, sizeof work->count);
-    for (ptrdiff_t j = 0; j < p->lines; j++)
+    for (ptrdiff_t j = 0; j < p->lines; j++) {
+        const Profile profile = ledpi_panel_profile(work->unknown, &work->grid[1][j]);
         for (ptrdiff_t i = 0; i < p->lines; i += LEDPI_WIDTH) {
             Samples s;
             const Lines *const across = work->across + i / LEDPI_WIDTH;
-            ledpi_panel_sample(&fit.panel, &fit.view, work->numbers, work->unknown, across, &work->grid[1][j],
-                               (float)(fit.along[j] / (double)cells), &s);
+            ledpi_panel_sample_at(&fit, work, &profile, i, j, &s);
             for (int lane = 0; lane < LEDPI_WIDTH && i + lane < p->lines; lane++) {
                 if (!s.tells[lane]) continue;
-                const ptrdiff_t block = ledpi_panel_block(fit.along[i + lane], fit.along[j], cells);
+                const ptrdiff_t block = work->block[j][i + lane];
                 const double left = put_sample(&fit, &s, lane, across, &work->grid[1][j], shares, j * p->width + i + lane, p);
                 work->squares[block] += left * left, work->count[block] += 1.0;
             }
         }
+    }
     ledpi_panel_weigh_blocks(cells, work);
-    weigh(&fit, work, p);
+    weigh(work, p);
 }
 
 /* What is unknown in a frame: by the template's slopes, and of the bands; in `room` (2 + 2·MOST_BANDS, size) residuals, rows and

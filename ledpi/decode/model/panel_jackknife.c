@@ -45,16 +45,18 @@ static ptrdiff_t nearest_cell(double at, ptrdiff_t cells) { return (ptrdiff_t)fm
 static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdiff_t first, ptrdiff_t down, const Work *work, Jackknife *out) {
     const ptrdiff_t cells = fit->panel.cells, lanes = fit->lines - first < LEDPI_WIDTH ? fit->lines - first : LEDPI_WIDTH;
     const ptrdiff_t row = nearest_cell(fit->along[down], cells) * cells;
+    Owns owns;
+    ledpi_panel_put_owns(s, &owns);
     for (int lane = 0; lane < lanes; lane++) {
         Owned met[4];
         if (!s->tells[lane]) continue;
         Coordinates by = {0};
         for (int k = 0; k < COMMON; k++) by += s->by[k][lane] * out->influence[fit->owns + k];
-        const int count = ledpi_panel_met(s, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
+        const int count = ledpi_panel_met(&owns, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
         for (int m = 0; m < count; m++)
             for (ptrdiff_t k = 0; k < fit->own; k++) by += met[m].by[k] * out->influence[met[m].cell * fit->own + k];
         const double along = fit->along[first + lane];
-        const float trust = (float)(work->weight[ledpi_panel_block(along, fit->along[down], cells)] / fit->variance);
+        const float trust = (float)(work->weight[work->block[down][first + lane]] / fit->variance);
         const ptrdiff_t cell = row + nearest_cell(along, cells);
         out->moved[cell] += trust * s->by[RESIDUAL][lane] * by;
         out->leverage[cell] += trust * by * by;
@@ -79,12 +81,13 @@ LEDPI_SIMD void ledpi_panel_put_jackknife(Fitting *fit, const double h[9], Work 
     put_influence(fit, h, work, &all);
     ledpi_panel_put_grid(fit, h, work);
     for (ptrdiff_t k = 0; k < COMMON + OWN * cells * cells; k++) work->unknown[k] = (float)fit->unknown[k];
-    for (ptrdiff_t j = 0; j < fit->lines; j++)
+    for (ptrdiff_t j = 0; j < fit->lines; j++) {
+        const Profile profile = ledpi_panel_profile(work->unknown, &work->grid[1][j]);
         for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH) {
             Samples s;
-            ledpi_panel_sample(&fit->panel, &fit->view, work->numbers, work->unknown, work->across + i / LEDPI_WIDTH,
-                               &work->grid[1][j], (float)(fit->along[j] / (double)cells), &s);
+            ledpi_panel_sample_at(fit, work, &profile, i, j, &s);
             add_samples(fit, &s, i, j, work, &all);
         }
+    }
     put_squares(&all, cells, covariance);
 }

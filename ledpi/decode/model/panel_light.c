@@ -12,6 +12,7 @@
 #include "simd.h"
 
 #define ROOT_HALF 0.7071067811865476
+#define FAR 4.0 /* deviations beyond an edge, where a thirtieth of NO_LIGHT is left */
 #define TURN 6.283185307179586
 /* Of full light: what noise in the dark and read-out weighs, and the texture of what is beside the panel. */
 #define DARK_NOISE 0.1f
@@ -35,6 +36,7 @@ static void put_cell(Line *line, int k, double at, ptrdiff_t cells, Blur blur, c
     const double from = at - (double)cell - (first ? walls->rim[0] : 0.5 * walls->gap);
     const double to = at - (double)(cell + 1) + (last ? walls->rim[1] : 0.5 * walls->gap);
     const Edge before = {from / sigma, (from + fmin(shift, 0.0)) / sigma}, after = {to / sigma, (to + fmax(shift, 0.0)) / sigma};
+    if (before.front < -FAR || after.front > FAR) return;
     const double up = steepness(before, glow), down = steepness(after, glow), off = at + shift - (double)cell - 0.5;
     const double inside = fmin(fmax(off, -0.5), 0.5), steep = inside == off ? TURN : 0.0;
     const double sine = sin(TURN * inside), cosine = cos(TURN * inside);
@@ -65,9 +67,11 @@ Line ledpi_panel_line(double at, ptrdiff_t cells, Blur blur, const Walls *walls)
     line.cell[1] = line.cell[0] + (at - within > 0.5 ? 1 : -1);
     for (int k = 0; k < 2; k++) {
         const double beyond = ((k ? at - (double)cells : -at) + walls->rim[k]) / blur.sigma;
-        line.beside[k] = (float)(0.5 * (1.0 + erf(beyond * ROOT_HALF)));
-        line.falls[k] = (float)((k ? 1.0 : -1.0) * density(beyond) / blur.sigma);
-        line.spread[k] = (float)(-density(beyond) * beyond);
+        if (beyond > -FAR) {
+            line.beside[k] = (float)(0.5 * (1.0 + erf(beyond * ROOT_HALF)));
+            line.falls[k] = (float)((k ? 1.0 : -1.0) * density(beyond) / blur.sigma);
+            line.spread[k] = (float)(-density(beyond) * beyond);
+        }
         if (line.cell[k] < 0 || line.cell[k] >= cells)
             line.cell[k] = -1;
         else
@@ -157,7 +161,7 @@ static LEDPI_INLINE float cubic_light(const View *view, float x, float y, float 
         const ptrdiff_t at = row + j - 1, within = at < 0 ? 0 : at < view->rows ? at : view->rows - 1;
         const float *const line = view->light + within * view->columns;
         float sum = 0.0f;
-        for (int i = 0; i < 4; i++) sum += across[i] * line[columns[i]], *most = fmaxf(*most, line[columns[i]]);
+        for (int i = 0; i < 4; i++) sum += across[i] * line[columns[i]], *most = line[columns[i]] > *most ? line[columns[i]] : *most;
         light += below[j] * sum;
     }
     return light;
@@ -270,9 +274,16 @@ LEDPI_SIMD void ledpi_panel_look(const Panel *panel, const View *view, const flo
     put_seen(panel, view, x, y, s);
 }
 
+/* One over the deviation of what is not explained. */
+static LEDPI_INLINE void put_weights(const float *predicted, const float *outside, float *weight) {
+    for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
+        const float light = predicted[lane] > 0.0f ? predicted[lane] : 0.0f;
+        weight[lane] = 1.0f / sqrtf(light + DARK_NOISE + TEXTURE * outside[lane]);
+    }
+}
+
 LEDPI_SIMD void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown,
-                                   const Lines *across, const Line *down, float v, Samples *s) {
-    const Profile profile = ledpi_panel_profile(unknown, down);
+                                   const Profile *profile, const Lines *across, const Line *down, float v, Samples *s) {
     const Eight none = {0};
     Eight x, y;
     Terms t = {.slope = {none, none}};
@@ -285,14 +296,13 @@ LEDPI_SIMD void ledpi_panel_sample(const Panel *panel, const View *view, const f
     for (int j = 0; j < 2; j++)
         for (int i = 0; i < 2; i++)
             if (down->light[j] > NO_LIGHT && (i == 0 || across->is_between))
-                add_cells(panel, unknown, &profile, across, i, down, j, &t, s);
+                add_cells(panel, unknown, profile, across, i, down, j, &t, s);
             else
-                s->own[j][i][0] = none;
+                for (int k = 0; k < OWN; k++) s->own[j][i][k] = none;
     if (across->is_beside || down->beside[0] + down->beside[1] > NO_LIGHT) add_beside(unknown, across, down, &t, s);
     put_ways(across->at, v, panel->cells, &t, s->by);
     s->by[DARK] = none + 1.0f;
-    for (int lane = 0; lane < LEDPI_WIDTH; lane++)
-        s->weight[lane] = 1.0f / sqrtf(fmaxf(s->predicted[lane], 0.0f) + DARK_NOISE + TEXTURE * s->outside[lane]);
+    put_weights((const float *)&s->predicted, (const float *)&s->outside, (float *)&s->weight);
     s->by[RESIDUAL] = s->seen - s->predicted;
     for (int k = 0; k <= RESIDUAL; k++) s->by[k] *= s->weight;
 }

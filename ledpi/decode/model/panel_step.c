@@ -37,7 +37,7 @@ static void put_matrix(const Fitting *fit, const Products *products, double *mat
         double *const row = matrix + i * (size + 1);
         const ptrdiff_t at = unknown_at(fit, i);
         const float *common = i < owns ? products->mixed[i] : products->common + (i - owns) * DENSE;
-        for (ptrdiff_t j = i; j < owns; j++) row[j] = scale * products->own[i * owns + j];
+        for (ptrdiff_t j = i; j < owns; j++) row[j] = scale * products->own[i][j / fit->own][j % fit->own];
         for (ptrdiff_t k = 0; k < DENSE; k++) row[owns + k] = scale * common[k];
         row[i] = row[i] * (1.0 + 1e-6) + 1e-6 + information[at];
         const double mean = at == PHASE || at == PHASE + 1 ? fit->sought[at - PHASE] : prior[at];

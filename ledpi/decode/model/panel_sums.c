@@ -74,7 +74,8 @@ void ledpi_panel_put_grid(Fitting *fit, const double h[9], Work *work) {
     put_lines(fit, h, work);
 }
 
-ptrdiff_t ledpi_panel_block(double across, double down, ptrdiff_t cells) {
+/* The block that a place, in cells, is weighed with: a part of a cell, or what is beside one. */
+static ptrdiff_t block_at(double across, double down, ptrdiff_t cells) {
     const double n = (double)cells;
     if (across >= 0.0 && across < n && down >= 0.0 && down < n)
         return (ptrdiff_t)(down * BLOCKS) * cells * BLOCKS + (ptrdiff_t)(across * BLOCKS);
@@ -84,16 +85,20 @@ ptrdiff_t ledpi_panel_block(double across, double down, ptrdiff_t cells) {
     return beside + 2 * cells + (down < 0.0 ? 0 : cells) + i;
 }
 
-static LEDPI_INLINE void add_own(Products *products, ptrdiff_t own, ptrdiff_t owns, const Owned *met, int count, float root,
-                                 const float *columns) {
+void ledpi_panel_put_blocks(const Fitting *fit, Work *work) {
+    for (ptrdiff_t j = 0; j < fit->lines; j++)
+        for (ptrdiff_t i = 0; i < fit->lines; i++)
+            work->block[j][i] = (int16_t)block_at(fit->along[i], fit->along[j], fit->panel.cells);
+}
+
+static LEDPI_INLINE void add_own(Products *products, ptrdiff_t own, const Owned *met, int count, float root, const float *columns) {
     for (int i = 0; i < count; i++)
         for (ptrdiff_t k = 0; k < own; k++) {
             const ptrdiff_t row = met[i].cell * own + k;
             const float by = root * met[i].by[k];
             for (int column = 0; column < DENSE; column += LEDPI_WIDTH)
                 *(Eight *)(products->mixed[row] + column) += by * *(const Eight *)(columns + column);
-            for (int j = i; j < count; j++) /* on and above the diagonal */
-                for (ptrdiff_t n = 0; n < own; n++) products->own[row * owns + met[j].cell * own + n] += by * root * met[j].by[n];
+            for (int j = i; j < count; j++) products->own[row][met[j].cell] += by * root * met[j].by; /* on and above the diagonal */
         }
 }
 
@@ -109,46 +114,14 @@ static void add_row(const Fitting *fit, const Owned *met, float row_px, float re
 }
 
 static void clear(const Fitting *fit, Work *work) {
-    const size_t owns = (size_t)fit->owns;
+    const size_t owns = (size_t)fit->owns, cells = (size_t)(fit->panel.cells * fit->panel.cells);
     memset(work->products.common, 0, sizeof work->products.common);
     memset(work->products.mixed, 0, owns * sizeof *work->products.mixed);
-    memset(work->products.own, 0, owns * owns * sizeof *work->products.own);
+    for (size_t k = 0; k < owns; k++) memset(work->products.own[k], 0, cells * sizeof *work->products.own[k]);
     memset(work->squares, 0, sizeof work->squares);
     memset(work->sum, 0, sizeof work->sum);
     memset(work->count, 0, sizeof work->count);
     work->left = work->inside = work->used = work->light = work->light2 = 0.0, work->samples = 0;
-}
-
-typedef int32_t Eight32 __attribute__((vector_size(4 * LEDPI_WIDTH)));
-
-/* Rows become columns: in pairs, in fours, in halves. */
-static LEDPI_INLINE void transpose(Eight r[LEDPI_WIDTH]) {
-    Eight t[LEDPI_WIDTH];
-#if LEDPI_WIDTH == 4
-    for (int i = 0; i < 4; i += 2) {
-        t[i] = __builtin_shuffle(r[i], r[i + 1], (Eight32){0, 4, 1, 5});
-        t[i + 1] = __builtin_shuffle(r[i], r[i + 1], (Eight32){2, 6, 3, 7});
-    }
-    for (int k = 0; k < 2; k++) {
-        r[2 * k] = __builtin_shuffle(t[k], t[k + 2], (Eight32){0, 1, 4, 5});
-        r[2 * k + 1] = __builtin_shuffle(t[k], t[k + 2], (Eight32){2, 3, 6, 7});
-    }
-#else
-    Eight u[LEDPI_WIDTH];
-    for (int i = 0; i < LEDPI_WIDTH; i += 2) {
-        t[i] = __builtin_shuffle(r[i], r[i + 1], (Eight32){0, 8, 1, 9, 4, 12, 5, 13});
-        t[i + 1] = __builtin_shuffle(r[i], r[i + 1], (Eight32){2, 10, 3, 11, 6, 14, 7, 15});
-    }
-    for (int i = 0; i < LEDPI_WIDTH; i += 4)
-        for (int k = 0; k < 2; k++) {
-            u[i + 2 * k] = __builtin_shuffle(t[i + k], t[i + k + 2], (Eight32){0, 1, 8, 9, 4, 5, 12, 13});
-            u[i + 2 * k + 1] = __builtin_shuffle(t[i + k], t[i + k + 2], (Eight32){2, 3, 10, 11, 6, 7, 14, 15});
-        }
-    for (int i = 0; i < 4; i++) {
-        r[i] = __builtin_shuffle(u[i], u[i + 4], (Eight32){0, 1, 2, 3, 8, 9, 10, 11});
-        r[i + 4] = __builtin_shuffle(u[i], u[i + 4], (Eight32){4, 5, 6, 7, 12, 13, 14, 15});
-    }
-#endif
 }
 
 /* Adds eight samples; those that tell nothing have columns of zeros. `blocks` are theirs. */
@@ -169,15 +142,17 @@ static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdi
     for (int from = 0; from < DENSE && !phasing; from += LEDPI_WIDTH) {
         Eight part[LEDPI_WIDTH];
         for (int k = 0; k < LEDPI_WIDTH; k++) part[k] = (Eight)((Eight32)(root * s->by[from + k]) & tells); /* it may be no number elsewhere */
-        transpose(part);
+        ledpi_transpose(part);
         for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Eight *)(columns + lane * DENSE + from) = part[lane];
     }
+    Owns owns;
+    ledpi_panel_put_owns(s, &owns);
     for (int lane = 0; lane < lanes; lane++) {
         Owned met[4];
         if (!s->tells[lane]) continue;
-        const int cells_met = ledpi_panel_met(s, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
+        const int cells_met = ledpi_panel_met(&owns, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
         if (!phasing)
-            add_own(&work->products, fit->own, fit->owns, met, cells_met, root[lane], columns + lane * DENSE);
+            add_own(&work->products, fit->own, met, cells_met, root[lane], columns + lane * DENSE);
         else if (cells_met == 1)
             add_row(fit, met, s->row[lane], s->by[RESIDUAL][lane], ledpi_panel_rows(fit), work);
     }
@@ -189,15 +164,13 @@ LEDPI_SIMD void ledpi_panel_sum_up(const Fitting *fit, bool phasing, Work *work)
     for (ptrdiff_t i = 0; i < COMMON + OWN * cells * cells; i++) work->unknown[i] = (float)fit->unknown[i];
     if (phasing)
         for (int k = 0; k < 2; k++) memset(work->by_row[k], 0, (size_t)(cells * cells * ledpi_panel_rows(fit)) * sizeof(float));
-    int16_t blocks[LEDPI_MOST_LINES + LEDPI_WIDTH] = {0};
     ptrdiff_t count = 0; /* of columns that wait */
     for (ptrdiff_t j = 0; j < fit->lines; j++) {
-        for (ptrdiff_t i = 0; i < fit->lines; i++) blocks[i] = (int16_t)ledpi_panel_block(fit->along[i], fit->along[j], cells);
+        const Profile profile = ledpi_panel_profile(work->unknown, &work->grid[1][j]);
         for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH, count += LEDPI_WIDTH) {
             Samples s;
-            ledpi_panel_sample(&fit->panel, &fit->view, work->numbers, work->unknown, work->across + i / LEDPI_WIDTH,
-                               &work->grid[1][j], (float)(fit->along[j] / (double)cells), &s);
-            add_samples(fit, &s, i, j, phasing, blocks + i, work->columns + count * DENSE, work);
+            ledpi_panel_sample_at(fit, work, &profile, i, j, &s);
+            add_samples(fit, &s, i, j, phasing, work->block[j] + i, work->columns + count * DENSE, work);
         }
         if (count < LEDPI_AT_ONCE && j + 1 < fit->lines) continue;
         if (!phasing) ledpi_add_products(work->columns, count, DENSE, work->products.common);
