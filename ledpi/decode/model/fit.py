@@ -17,7 +17,7 @@ from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.panel import MOST_LINES, Solver
 from ledpi.decode.model.prior import BLUR, SMEAR, prior
 from ledpi.kernels.lens import bending_lens_of
-from ledpi.kernels.library import NONE, lib
+from ledpi.kernels.library import NONE, ffi, lib
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")
@@ -138,15 +138,15 @@ def solver_view(window: Window, intrinsics: Intrinsics | None, lens: Floats | No
 
 
 def _fitted(fit: Any, unknown: Floats, window: Window, spec: PanelSpec) -> Fitted | Rejected:
-    lattice, lit = np.array(list(fit.corners)).reshape(4, 2), np.array(list(fit.lit)).reshape(4, 2)
-    if not (np.isfinite(lattice).all() and np.isfinite(lit).all()):
+    lattice, lit = _copied(fit.corners).reshape(4, 2), _copied(fit.lit).reshape(4, 2)
+    if not np.isfinite(lattice.sum() + lit.sum()):
         return DIVERGED
     return Fitted(
         lattice_px=read_only(lattice),
         corners_px=read_only(lit),
-        hidden=read_only(np.array(list(fit.hidden))[[2, 1, 3, 0]]),
-        covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
-        jackknife_px2=read_only(np.array(list(fit.jackknife)).reshape(8, 8)),
+        hidden=read_only(_copied(fit.hidden)[[2, 1, 3, 0]]),
+        covariance_px2=read_only(_copied(fit.covariance).reshape(8, 8)),
+        jackknife_px2=read_only(_copied(fit.jackknife).reshape(8, 8)),
         blur_px=read_only(window.shrink * np.exp(unknown[BLUR] + unknown[SMEAR] * np.array([1.0, -1.0]))),
         settled=fit.settled,
         explained=fit.explained,
@@ -154,6 +154,10 @@ def _fitted(fit: Any, unknown: Floats, window: Window, spec: PanelSpec) -> Fitte
         unknown=read_only(unknown),
         spec=spec,
     )
+
+
+def _copied(numbers: Any) -> Floats:
+    return np.frombuffer(ffi.buffer(numbers)).copy()
 
 
 def pitch_px_of(corners_px: Floats, cells: int) -> tuple[float, float]:
