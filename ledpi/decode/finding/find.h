@@ -99,9 +99,9 @@ typedef struct {
 
 enum { LEDPI_BLOB = 6, LEDPI_LATTICE_SPAN = 17, LATTICE_REACH = (LEDPI_LATTICE_SPAN - 1) / 2 };
 
-/* Blobs (most) of 4-connected pixels of `lit` (height, width), 0 or 255, no larger than `most_area`; from the top down. `runs`
- * (most_runs) and `sums` (most_runs, LEDPI_BLOB) are room. What there is no room for is left out (blobs.c). */
-ptrdiff_t ledpi_blobs(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, double most_area, ptrdiff_t most_runs, BlobRun *runs,
+/* Blobs (most) of 4-connected pixels of `lit` (height, width), 0 or 255, no larger than `most_area`; from the top down. `lit` and
+ * `runs` (most_runs), `sums` (most_runs, LEDPI_BLOB) are used up. What there is no room for is left out (blobs.c). */
+ptrdiff_t ledpi_blobs(uint8_t *lit, ptrdiff_t height, ptrdiff_t width, double most_area, ptrdiff_t most_runs, BlobRun *runs,
                       double (*sums)[LEDPI_BLOB], ptrdiff_t most, Blob *blobs);
 
 /* Lattices (most, span, span) of at least `least` of the blobs: the number of each, −1 where there is none. `used` (count)
