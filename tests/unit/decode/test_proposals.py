@@ -129,7 +129,7 @@ def test_what_does_not_blink_is_not_in_the_way_where_bands_are_deep() -> None:
 
 
 def test_a_panel_comes_before_larger_windows() -> None:
-    """The likeliest first: a fit of what is no panel costs as much, and the panel that is read excludes what lies on it."""
+    """The likeliest first: a fit of what is no panel costs as much, and one that is read excludes what lies on it."""
     canvas = Canvas()
     for x, y in itertools.product((110, 530), (110, 370)):
         canvas.lamp(square(x, y, 180, x % 30), 0.3)
