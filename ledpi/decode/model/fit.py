@@ -86,7 +86,7 @@ class Fitter:
         """From corners (4, 2) of the lattice, or why it comes to nothing. `known`: unknowns to begin with."""
         cells = self._cells
         pitch_px = pitch_px_of(corners_px / window.shrink, cells)
-        lines = grid(cells, round(min(pitch_px), 1), roughly=effort.roughly, thinly=effort.even and effort.faint)
+        lines = grid(cells, round(min(pitch_px), 1), roughly=effort.roughly)
         if len(lines) > MOST_LINES:
             return DIVERGED
         each = len(lines) / cells  # no finer than the grid is what is seen of a cell

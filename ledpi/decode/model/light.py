@@ -102,25 +102,23 @@ def fundamentals(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink
     return tuple(of_tables.tolist())
 
 
-# Pixels, of the lines about the borders of cells, where light changes most; and of a thin grid.
-NEAR_BORDER, NEAR_BORDER_THINLY = np.arange(-2.0, 3.0), np.arange(-1.0, 2.0)
+NEAR_BORDER = np.arange(-2.0, 3.0)  # pixels, of the lines about the borders of cells, where light changes most
 FINE_PX = 9.0  # width of a cell from which on lines are not evenly spread, one a pixel
 ROUGHLY = 5  # lines along a cell, for the coarse fit
-INSIDE, INSIDE_THINLY = (4, 7), (2, 3)  # along the rest of a cell, between borders: fewest, most; and of a thin one
+INSIDE = (4, 7)  # along the rest of a cell, between borders: fewest, most
 MARGIN_PX = 1.5  # further out is what may be beyond a panel's frame
 
 
 @lru_cache(maxsize=256)
-def grid(cells: int, pitch_px: float, *, roughly: bool, thinly: bool = False) -> Floats:
+def grid(cells: int, pitch_px: float, *, roughly: bool) -> Floats:
     """(lines,) of a grid over the panel, in cells from its first corner; `pitch_px` a cell's width in the window."""
     if roughly or pitch_px < FINE_PX:
         each = max(3, min(round(pitch_px), ROUGHLY if roughly else int(FINE_PX)))
         beyond = max(1, math.ceil(MARGIN_PX * each / max(pitch_px, 1.0)))
         return read_only((np.arange(-beyond, cells * each + beyond) + 0.5) / each)
-    near, (fewest, most) = (NEAR_BORDER_THINLY, INSIDE_THINLY) if thinly else (NEAR_BORDER, INSIDE)
-    borders = np.arange(cells + 1)[:, None] + near / pitch_px
-    first = (near[-1] + 1.0) / pitch_px
-    count = max(fewest, min(most, int(pitch_px / 4)))
+    borders = np.arange(cells + 1)[:, None] + NEAR_BORDER / pitch_px
+    first = (NEAR_BORDER[-1] + 1.0) / pitch_px
+    count = max(INSIDE[0], min(INSIDE[1], int(pitch_px / 4)))
     inside = np.arange(cells)[:, None] + np.linspace(first, 1.0 - first, count)
     lines = np.sort(np.concatenate([borders, inside], axis=None))
     margin = MARGIN_PX / pitch_px
