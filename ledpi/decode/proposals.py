@@ -65,10 +65,9 @@ class Proposer:
         self._glancer = Glancer(cells, smallest_px, template(cells))
 
     def propose(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
-        """Distinct candidates, the likeliest first; and what was dropped.
+        """Distinct candidates, the largest first, as a texture's are small; and what was dropped.
 
-        Where bands are deep a glance sees how far their light changes, not where a panel ends: corners stay as found,
-        and the largest come first.
+        Where bands are deep a glance sees how far their light changes, not where a panel ends: corners stay as found.
         """
         band_rows = self._band_rows(frame)
         pictures = [frame] if band_rows is None else _bridged(frame, band_rows)
@@ -81,13 +80,10 @@ class Proposer:
         looked = self._glancer.look(pyramid, found, bridged, dimmest(frame, self._specs) ** (1.0 / GAMMA))
         corners, sides, evidence = (each.copy() for each in looked)
         unlikely = math.log(max(len(sides), 1) / WASTED)
-        candidates = [
+        return [
             Candidate(read_only(at), side, band_rows or 0, nats)
             for at, side, nats in zip(corners, sides.tolist(), (evidence - unlikely).tolist(), strict=True)
-        ]
-        if band_rows is None:
-            candidates.sort(key=lambda one: -one.evidence)
-        return candidates, dropped
+        ], dropped
 
     def _band_rows(self, frame: Frame) -> int | None:
         """Rows of the longest dark band, where bands are so deep that they cut a panel into pieces."""

@@ -128,19 +128,6 @@ def test_what_does_not_blink_is_not_in_the_way_where_bands_are_deep() -> None:
     assert min(off_by(each.corners_px, true) for each in best) < NEAR
 
 
-def test_a_panel_comes_before_larger_windows() -> None:
-    """The likeliest first: a fit of what is no panel costs as much, and one that is read excludes what lies on it."""
-    canvas = Canvas()
-    for x, y in itertools.product((110, 530), (110, 370)):
-        canvas.lamp(square(x, y, 180, x % 30), 0.3)
-        canvas.light[y - 110 : y + 110, x - 20 : x + 10] *= 0.4  # a bar
-    true = square(310.3, 240.6, 70, 12)
-    canvas.panel(true, word(7))
-    first, *others = proposals(canvas.frame())
-    assert off_by(first.corners_px, true) < NEAR
-    assert any(other.side_px > 1.3 * first.side_px for other in others)
-
-
 # ---- Lattices of cells
 
 
@@ -164,9 +151,7 @@ def middles(corners: Floats, cells: int = 4) -> Floats:
 
 
 def lattices_of(picture: Pixels, cells: int = 4) -> list[Floats]:
-    """On a pyramid of two pictures."""
-    half = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    return list(LatticeSearcher(*picture.shape, cells).search([picture, half]))
+    return list(LatticeSearcher(*picture.shape, cells).search([picture]))
 
 
 TRAPEZIUM = np.array([[270.0, 170], [350, 195], [350, 285], [270, 310]])
@@ -242,8 +227,8 @@ def test_of_a_larger_lattice_none_is_taken() -> None:
 
 
 def test_a_cameras_noise_makes_no_lattice() -> None:
-    """Noise of two grey levels, however it is smoothed; blots may, but no more than three dozen in two pictures."""
-    for blur_px, levels, most in ((0.0, 2.0, 0), (4.0, 2.0, 0), (4.0, 20.0, 36)):
+    """Noise of two grey levels, however it is smoothed; blots may, but no more than two dozen in a picture."""
+    for blur_px, levels, most in ((0.0, 2.0, 0), (4.0, 2.0, 0), (4.0, 20.0, 24)):
         picture = np.random.default_rng(3).standard_normal((480, 640))
         if blur_px:
             picture = cv2.GaussianBlur(picture, (0, 0), blur_px)
