@@ -58,7 +58,7 @@ typedef struct {
     Four by;
 } Owned;
 
-/* Of eight samples the weighted slopes by the OWN of the cells that meet there: by the cell down, the lane, the cell across. */
+/* Weighted slopes of eight samples by the OWN of the cells that meet there: by the cell down, the lane, the cell across. */
 typedef struct {
     float by[2][LEDPI_WIDTH][2][4];
 } Owns;
