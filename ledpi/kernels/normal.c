@@ -8,14 +8,14 @@ enum { DOWN = 4, MOST_ACROSS = 16 / LEDPI_WIDTH };
 /* DOWN rows of the sums, at i, in `across` vectors from j on: the more, the fewer numbers are read for each product. */
 static LEDPI_INLINE void add_tile(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j, const int across,
                                   float *sums) {
-    Eight tile[DOWN][MOST_ACROSS] = {{{0}}};
+    Floats tile[DOWN][MOST_ACROSS] = {{{0}}};
     for (const float *row = rows; row < to; row += width)
         for (int k = 0; k < across; k++) {
-            const Eight right = *(const Eight *)(row + j + k * LEDPI_WIDTH);
+            const Floats right = *(const Floats *)(row + j + k * LEDPI_WIDTH);
             for (int m = 0; m < DOWN; m++) tile[m][k] += row[i + m] * right;
         }
     for (int m = 0; m < DOWN; m++)
-        for (int k = 0; k < across; k++) *(Eight *)(sums + (i + m) * width + j + k * LEDPI_WIDTH) += tile[m][k];
+        for (int k = 0; k < across; k++) *(Floats *)(sums + (i + m) * width + j + k * LEDPI_WIDTH) += tile[m][k];
 }
 
 static LEDPI_INLINE void add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums, const bool broad) {

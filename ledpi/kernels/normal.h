@@ -13,12 +13,12 @@
 /* The sum of the products of two columns; `count` is a multiple of eight. */
 static LEDPI_INLINE float ledpi_product(const float *a, const float *b, ptrdiff_t count) {
     enum { CHAINS = 16 / LEDPI_WIDTH }; /* none waits for another */
-    Eight sums[CHAINS] = {{0}};
+    Floats sums[CHAINS] = {{0}};
     ptrdiff_t i = 0;
     for (; i + 16 <= count; i += 16)
         for (int k = 0; k < CHAINS; k++)
-            sums[k] += *(const Eight *)(a + i + k * LEDPI_WIDTH) * *(const Eight *)(b + i + k * LEDPI_WIDTH);
-    for (int k = 0; i < count; i += LEDPI_WIDTH, k++) sums[k] += *(const Eight *)(a + i) * *(const Eight *)(b + i);
+            sums[k] += *(const Floats *)(a + i + k * LEDPI_WIDTH) * *(const Floats *)(b + i + k * LEDPI_WIDTH);
+    for (int k = 0; i < count; i += LEDPI_WIDTH, k++) sums[k] += *(const Floats *)(a + i) * *(const Floats *)(b + i);
     for (int k = 1; k < CHAINS; k++) sums[0] += sums[k];
     return ledpi_total(sums[0]);
 }

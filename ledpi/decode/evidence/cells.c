@@ -84,21 +84,21 @@ static float bilinear(const Patch *patch, double x, double y) {
 
 /* Eight numbers that the processor treats at once, or in two halves: the compilers of all systems that there are for Pis
  * know this. They may lie anywhere. */
-typedef float Eight __attribute__((vector_size(32), aligned(4)));
+typedef float Taps __attribute__((vector_size(32), aligned(4)));
 
 /* `TAPS` × `TAPS` pixels from this one, which may be outside, by Lanczos' weights across and downward. */
 static inline float lanczos(const Patch *patch, ptrdiff_t column, ptrdiff_t row, const float *across, const float *downward) {
-    Eight sums = {0}; /* of the columns, down them */
+    Taps sums = {0}; /* of the columns, down them */
     if (column >= 0 && row >= 0 && column + TAPS <= patch->columns && row + TAPS <= patch->rows) {
         const float *light = patch->light + row * patch->columns + column;
-        for (int j = 0; j < TAPS; j++, light += patch->columns) sums += downward[j] * *(const Eight *)light;
+        for (int j = 0; j < TAPS; j++, light += patch->columns) sums += downward[j] * *(const Taps *)light;
     } else {
         for (int j = 0; j < TAPS; j++) {
             const float *light = patch->light + within(row + j, patch->rows) * patch->columns;
             for (int i = 0; i < TAPS; i++) sums[i] += downward[j] * light[within(column + i, patch->columns)];
         }
     }
-    sums *= *(const Eight *)across;
+    sums *= *(const Taps *)across;
     return ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
 }
 

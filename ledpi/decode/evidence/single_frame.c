@@ -14,8 +14,8 @@ static const float ALIKE = 1e-3f;
 
 /* Sum of a[i]·b[i], i < wide, which is a multiple of LEDPI_WIDTH. */
 static inline float product(const float *a, const float *b, ptrdiff_t wide) {
-    Eight sums = {0};
-    for (ptrdiff_t i = 0; i < wide; i += LEDPI_WIDTH) sums += *(const Eight *)(a + i) * *(const Eight *)(b + i);
+    Floats sums = {0};
+    for (ptrdiff_t i = 0; i < wide; i += LEDPI_WIDTH) sums += *(const Floats *)(a + i) * *(const Floats *)(b + i);
     return ledpi_total(sums);
 }
 
@@ -170,13 +170,13 @@ LEDPI_SIMD static void split(const Panel *panel, const Sources *sources, const f
 static inline void put_row(const Panel *panel, const float *basis, const float *columns, ptrdiff_t waves, float *row) {
     const ptrdiff_t cells = panel->cells, apart = panel->points * width_of(panel);
     enum { PARTS = SLOPES / LEDPI_WIDTH };
-    Eight slopes[PARTS] = {{0}};
+    Floats slopes[PARTS] = {{0}};
     for (ptrdiff_t c = 0; c < cells; c++, columns += apart) {
         row[c] = basis[c] * columns[0];
-        for (int k = 0; k < PARTS; k++) slopes[k] += basis[c] * *(const Eight *)(columns + 1 + waves + k * LEDPI_WIDTH);
+        for (int k = 0; k < PARTS; k++) slopes[k] += basis[c] * *(const Floats *)(columns + 1 + waves + k * LEDPI_WIDTH);
         for (ptrdiff_t i = 0; i < waves; i++) row[cells + SLOPES + c * waves + i] = basis[c] * columns[1 + i];
     }
-    for (int k = 0; k < PARTS; k++) *(Eight *)(row + cells + k * LEDPI_WIDTH) = slopes[k];
+    for (int k = 0; k < PARTS; k++) *(Floats *)(row + cells + k * LEDPI_WIDTH) = slopes[k];
 }
 
 /* Takes what the cells share at each point out of the matrix. `rows` (LEDPI_AT_ONCE, padded size) is room to work in. */

@@ -40,8 +40,8 @@ static LEDPI_INLINE void put_seen(const GlanceTemplate *t, const PyramidPicture 
         const float v = t->along[j];
         const float a = (float)(h[1] * v + h[2]), b = (float)(h[4] * v + h[5]), c = (float)(h[7] * v + h[8]);
         for (ptrdiff_t i = 0; i < t->lines; i += LEDPI_WIDTH) {
-            const Eight u = *(const Eight *)(t->along + i), w = size / ((float)h[6] * u + c);
-            const Eight x = ((float)h[0] * u + a) * w + off, y = ((float)h[3] * u + b) * w + off;
+            const Floats u = *(const Floats *)(t->along + i), w = size / ((float)h[6] * u + c);
+            const Floats x = ((float)h[0] * u + a) * w + off, y = ((float)h[3] * u + b) * w + off;
             for (ptrdiff_t lane = 0; lane < LEDPI_WIDTH && i + lane < t->lines; lane++) {
                 const float across = x[lane] > 0.0f ? fminf(x[lane], right) : 0.0f, down = y[lane] > 0.0f ? fminf(y[lane], bottom) : 0.0f;
                 const ptrdiff_t column = (ptrdiff_t)fminf(across, right - 1.0f), row = (ptrdiff_t)fminf(down, bottom - 1.0f);

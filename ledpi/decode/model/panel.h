@@ -48,8 +48,8 @@ typedef struct {
     int32_t cell[2]; /* −1: there is none, and no light */
 } Line;
 typedef struct {
-    LINE(Eight);
-    Eight at; /* 0..1 across the panel */
+    LINE(Floats);
+    Floats at; /* 0..1 across the panel */
     int32_t cell[2][LEDPI_WIDTH];
     bool is_between, is_beside; /* whether the second cells count, and what is before and after */
 } Lines;
@@ -68,7 +68,7 @@ static inline float ledpi_panel_wave(const Panel *panel, ptrdiff_t k, float phas
 /* What eight places are explained by: the slopes of what is predicted by COMMON, and the residual, all weighted; by the OWN
  * of the cells that meet there (the nearest down and across, then the next), not weighted. */
 typedef struct {
-    Eight by[DENSE], own[2][2][OWN], seen, predicted, weight, row, outside; /* row of the picture; share beside the panel */
+    Floats by[DENSE], own[2][2][OWN], seen, predicted, weight, row, outside; /* row of the picture; share beside the panel */
     bool tells[LEDPI_WIDTH]; /* within the view and not saturated */
 } Samples;
 

@@ -206,7 +206,7 @@ static LEDPI_SIMD double weigh_blocks(const Weighing *w, Work *work, Sums *sums)
 
 /* `to` += `factor` × the columns. */
 static LEDPI_INLINE void add_columns(float factor, const float *columns, float *to) {
-    for (int column = 0; column < DENSE; column += LEDPI_WIDTH) *(Eight *)(to + column) += factor * *(const Eight *)(columns + column);
+    for (int column = 0; column < DENSE; column += LEDPI_WIDTH) *(Floats *)(to + column) += factor * *(const Floats *)(columns + column);
 }
 
 static LEDPI_INLINE void add_met(const Weighing *w, const Met *met, const float *columns, Sums *sums) {
@@ -297,8 +297,8 @@ static double put_matrix(const Weighing *w, Sums *sums, double variance) {
 }
 
 static LEDPI_INLINE float product_of(const float *a, const float *b) {
-    Eight sum = {0};
-    for (int k = 0; k < DENSE; k += LEDPI_WIDTH) sum += *(const Eight *)(a + k) * *(const Eight *)(b + k);
+    Floats sum = {0};
+    for (int k = 0; k < DENSE; k += LEDPI_WIDTH) sum += *(const Floats *)(a + k) * *(const Floats *)(b + k);
     return ledpi_total(sum);
 }
 

@@ -67,17 +67,17 @@ static LEDPI_INLINE void ledpi_panel_put_owns(const Samples *s, Owns *owns) {
     for (int j = 0; j < 2; j++) {
 #if LEDPI_WIDTH == 4
         for (int i = 0; i < 2; i++) {
-            Eight rows[LEDPI_WIDTH] = {{0}};
+            Floats rows[LEDPI_WIDTH] = {{0}};
             for (int k = 0; k < OWN; k++) rows[k] = s->weight * s->own[j][i][k];
             ledpi_transpose(rows);
-            for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Eight *)owns->by[j][lane][i] = rows[lane];
+            for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Floats *)owns->by[j][lane][i] = rows[lane];
         }
 #else
-        Eight rows[LEDPI_WIDTH] = {{0}};
+        Floats rows[LEDPI_WIDTH] = {{0}};
         for (int i = 0; i < 2; i++)
             for (int k = 0; k < OWN; k++) rows[4 * i + k] = s->weight * s->own[j][i][k];
         ledpi_transpose(rows);
-        for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Eight *)owns->by[j][lane] = rows[lane];
+        for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Floats *)owns->by[j][lane] = rows[lane];
 #endif
     }
 }

@@ -151,11 +151,11 @@ static double look(const PanelPicture *p, const Fitting *fit, const double h[9],
 }
 
 /* Cosine and sine of so many cycles, to 1e-5: Taylor's series of a quarter turn at most. */
-static LEDPI_INLINE void put_turn(Eight cycles, Eight *cosine, Eight *sine) {
+static LEDPI_INLINE void put_turn(Floats cycles, Floats *cosine, Floats *sine) {
     for (int lane = 0; lane < LEDPI_WIDTH; lane++) cycles[lane] -= floorf(cycles[lane] + 0.5f);
-    const Eight half = 3.14159265f * cycles, h2 = half * half; /* half of the angle, from which both follow */
-    const Eight s = half * (1.0f - h2 / 6.0f * (1.0f - h2 / 20.0f * (1.0f - h2 / 42.0f * (1.0f - h2 / 72.0f))));
-    const Eight c = 1.0f - h2 / 2.0f * (1.0f - h2 / 12.0f * (1.0f - h2 / 30.0f * (1.0f - h2 / 56.0f * (1.0f - h2 / 90.0f))));
+    const Floats half = 3.14159265f * cycles, h2 = half * half; /* half of the angle, from which both follow */
+    const Floats s = half * (1.0f - h2 / 6.0f * (1.0f - h2 / 20.0f * (1.0f - h2 / 42.0f * (1.0f - h2 / 72.0f))));
+    const Floats c = 1.0f - h2 / 2.0f * (1.0f - h2 / 12.0f * (1.0f - h2 / 30.0f * (1.0f - h2 / 56.0f * (1.0f - h2 / 90.0f))));
     *cosine = c * c - s * s, *sine = 2.0f * s * c;
 }
 
@@ -163,11 +163,11 @@ static LEDPI_SIMD void put_bands(const PanelPicture *p, const double *cycles_a_r
     const ptrdiff_t size = p->lines * p->width;
     for (ptrdiff_t k = 0; k < p->waves; k++)
         for (ptrdiff_t at = 0; at < size; at += LEDPI_WIDTH) {
-            const Eight shown = *(const Eight *)(p->shown + k * size + at);
-            Eight cosine, sine;
-            put_turn((float)cycles_a_row[k] * *(const Eight *)(frame->rows + at), &cosine, &sine);
-            *(Eight *)(frame->waves + 2 * k * size + at) = shown * cosine;
-            *(Eight *)(frame->waves + (2 * k + 1) * size + at) = shown * sine;
+            const Floats shown = *(const Floats *)(p->shown + k * size + at);
+            Floats cosine, sine;
+            put_turn((float)cycles_a_row[k] * *(const Floats *)(frame->rows + at), &cosine, &sine);
+            *(Floats *)(frame->waves + 2 * k * size + at) = shown * cosine;
+            *(Floats *)(frame->waves + (2 * k + 1) * size + at) = shown * sine;
         }
 }
 
@@ -214,10 +214,10 @@ static LEDPI_SIMD void put_left(const PanelPicture *p, Frame *frame, PanelFit *i
     const ptrdiff_t size = p->lines * p->width;
     double left2 = 0.0, samples = 0.0, used = 0.0, light = 0.0, light2 = 0.0;
     for (ptrdiff_t at = 0; at < size; at += LEDPI_WIDTH) {
-        Eight left = *(Eight *)(frame->left + at);
-        const Eight weight = *(const Eight *)(p->weight + at), seen = left + *(const Eight *)(p->light + at);
-        for (ptrdiff_t k = 0; k < p->unknowns; k++) left -= (float)frame->step[k] * *(const Eight *)(p->slopes + k * size + at);
-        for (ptrdiff_t k = 0; k < frame->count; k++) left -= (float)frame->bands[k] * *(const Eight *)(frame->waves + k * size + at);
+        Floats left = *(Floats *)(frame->left + at);
+        const Floats weight = *(const Floats *)(p->weight + at), seen = left + *(const Floats *)(p->light + at);
+        for (ptrdiff_t k = 0; k < p->unknowns; k++) left -= (float)frame->step[k] * *(const Floats *)(p->slopes + k * size + at);
+        for (ptrdiff_t k = 0; k < frame->count; k++) left -= (float)frame->bands[k] * *(const Floats *)(frame->waves + k * size + at);
         const float v = p->along[at / p->width];
         for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
             const float u = p->along[at % p->width + lane];

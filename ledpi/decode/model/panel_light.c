@@ -109,14 +109,14 @@ Profile ledpi_panel_profile(const float *unknown, const Line *down) {
 
 /* Of eight places: waves there and their slopes, what is predicted, and its slopes by place across and down. */
 typedef struct {
-    Eight wave[2], later[2], slope[2];
+    Floats wave[2], later[2], slope[2];
 } Terms;
 
 /* The pixels of eight rays, as lens.c has them; far out of view what has none. */
-static LEDPI_INLINE void put_bent(const Lens *l, Eight *x, Eight *y) {
+static LEDPI_INLINE void put_bent(const Lens *l, Floats *x, Floats *y) {
     const float p1 = (float)l->p1, p2 = (float)l->p2;
-    const Eight r2 = *x * *x + *y * *y, xy = *x * *y;
-    Eight length = 1.0f + r2 * ((float)l->k1 + r2 * ((float)l->k2 + r2 * (float)l->k3));
+    const Floats r2 = *x * *x + *y * *y, xy = *x * *y;
+    Floats length = 1.0f + r2 * ((float)l->k1 + r2 * ((float)l->k2 + r2 * (float)l->k3));
     if (l->equidistant != 0.0)
         for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
             const float r = sqrtf(r2[lane]) + 1e-9f, t = atanf(r), t2 = t * t;
@@ -124,16 +124,16 @@ static LEDPI_INLINE void put_bent(const Lens *l, Eight *x, Eight *y) {
         }
     else
         length /= 1.0f + r2 * ((float)l->k4 + r2 * ((float)l->k5 + r2 * (float)l->k6));
-    const Eight right = *x * length + 2.0f * p1 * xy + p2 * (r2 + 2.0f * *x * *x) + r2 * ((float)l->s1 + (float)l->s2 * r2);
-    const Eight down = *y * length + p1 * (r2 + 2.0f * *y * *y) + 2.0f * p2 * xy + r2 * ((float)l->s3 + (float)l->s4 * r2);
+    const Floats right = *x * length + 2.0f * p1 * xy + p2 * (r2 + 2.0f * *x * *x) + r2 * ((float)l->s1 + (float)l->s2 * r2);
+    const Floats down = *y * length + p1 * (r2 + 2.0f * *y * *y) + 2.0f * p2 * xy + r2 * ((float)l->s3 + (float)l->s4 * r2);
     *x = (float)l->fx * right + (float)l->cx, *y = (float)l->fy * down + (float)l->cy;
     for (int lane = 0; lane < LEDPI_WIDTH; lane++)
         if (r2[lane] > (float)l->most_r2) (*x)[lane] = -INFINITY;
 }
 
 /* Where the eight places are seen, in the view's pixels; the picture's row. */
-static LEDPI_INLINE void put_places(const View *view, const float *h, Eight u, float v, Eight *x, Eight *y, Eight *row) {
-    const Eight w = 1.0f / (h[6] * u + (h[7] * v + h[8]));
+static LEDPI_INLINE void put_places(const View *view, const float *h, Floats u, float v, Floats *x, Floats *y, Floats *row) {
+    const Floats w = 1.0f / (h[6] * u + (h[7] * v + h[8]));
     *x = (h[0] * u + (h[1] * v + h[2])) * w, *y = (h[3] * u + (h[4] * v + h[5])) * w;
     if (view->lens) put_bent(view->lens, x, y);
     const float size = (float)(1.0 / view->shrink);
@@ -177,7 +177,7 @@ static LEDPI_INLINE float linear_light(const View *view, float x, float y, float
     return *most = upper + down * (lower - upper);
 }
 
-static LEDPI_INLINE void put_seen(const Panel *panel, const View *view, Eight x, Eight y, Samples *s) {
+static LEDPI_INLINE void put_seen(const Panel *panel, const View *view, Floats x, Floats y, Samples *s) {
     for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
         float most;
         const float seen = view->cubic ? cubic_light(view, x[lane], y[lane], &most) : linear_light(view, x[lane], y[lane], &most);
@@ -188,7 +188,7 @@ static LEDPI_INLINE void put_seen(const Panel *panel, const View *view, Eight x,
     }
 }
 
-static LEDPI_INLINE void put_waves(const Panel *panel, const float *unknown, Eight row, Terms *t) {
+static LEDPI_INLINE void put_waves(const Panel *panel, const float *unknown, Floats row, Terms *t) {
     for (int k = 0; k < 2; k++)
         for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
             float later;
@@ -200,17 +200,17 @@ static LEDPI_INLINE void put_waves(const Panel *panel, const float *unknown, Eig
 /* Adds the light of the cells that are the i-th of the lines across and the j-th of the one down. */
 static LEDPI_INLINE void add_cells(const Panel *panel, const float *unknown, const Profile *profile, const Lines *across, int i,
                                    const Line *down, int j, Terms *t, Samples *s) {
-    Eight own[OWN];
+    Floats own[OWN];
     for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
         const int32_t column = across->cell[i][lane];
         const float *of = unknown + COMMON + OWN * (down->cell[j] * panel->cells + (column < 0 ? 0 : column));
         for (int k = 0; k < OWN; k++) ((float *)(own + k))[lane] = of[k];
     }
     const float below = down->light[j], *by = profile->by[j], *steep = profile->steep[j];
-    const Eight right = across->light[i], both = right * below, *harmonic = across->harmonic[i];
-    const Eight lit = own[0] + own[1] * t->wave[0] + own[2] * t->wave[1], part = lit * both;
-    Eight shape = unknown[ASIDE] * across->odd[i] + unknown[ASIDE + 1] * down->odd[j];
-    Eight tilt[2] = {unknown[ASIDE] * across->odd_steep[i], {0}};
+    const Floats right = across->light[i], both = right * below, *harmonic = across->harmonic[i];
+    const Floats lit = own[0] + own[1] * t->wave[0] + own[2] * t->wave[1], part = lit * both;
+    Floats shape = unknown[ASIDE] * across->odd[i] + unknown[ASIDE + 1] * down->odd[j];
+    Floats tilt[2] = {unknown[ASIDE] * across->odd_steep[i], {0}};
     tilt[1] += unknown[ASIDE + 1] * down->odd_steep[j];
     for (int x = 0; x <= HARMONICS; x++) {
         shape += by[x] * harmonic[x];
@@ -221,7 +221,7 @@ static LEDPI_INLINE void add_cells(const Panel *panel, const float *unknown, con
         s->by[SHAPE + n] += part * harmonic[LEDPI_SHAPE[n][0]] * down->harmonic[j][LEDPI_SHAPE[n][1]];
     s->by[ASIDE] += part * across->odd[i];
     s->by[ASIDE + 1] += part * down->odd[j];
-    const Eight shown = both * shape, lit_shape = lit * shape, lit_below = lit_shape * below, lit_right = lit_shape * right;
+    const Floats shown = both * shape, lit_shape = lit * shape, lit_below = lit_shape * below, lit_right = lit_shape * right;
     s->predicted += lit * shown;
     s->by[DEPTH] += (float)panel->sight[0] * (across->shifted[i] * lit_below + part * tilt[0]);
     s->by[DEPTH] += (float)panel->sight[1] * (down->shifted[j] * lit_right + part * tilt[1]);
@@ -244,10 +244,10 @@ static LEDPI_INLINE void add_cells(const Panel *panel, const float *unknown, con
  * the places is there. */
 static LEDPI_INLINE void add_beside(const float *unknown, const Lines *across, const Line *down, Terms *t, Samples *s) {
     const float *level = unknown + BESIDE, hidden = level[2] * down->beside[0] + level[3] * down->beside[1];
-    const Eight open = 1.0f - across->beside[0] - across->beside[1];
+    const Floats open = 1.0f - across->beside[0] - across->beside[1];
     for (int k = 0; k < 2; k++) {
-        const Eight side = across->beside[k], end = down->beside[k] * open, fall = (level[k] - hidden) * across->falls[k];
-        const Eight fall_down = level[2 + k] * down->falls[k] * open;
+        const Floats side = across->beside[k], end = down->beside[k] * open, fall = (level[k] - hidden) * across->falls[k];
+        const Floats fall_down = level[2 + k] * down->falls[k] * open;
         s->by[BESIDE + k] += side, s->by[BESIDE + 2 + k] += end;
         s->predicted += level[k] * side + level[2 + k] * end;
         s->by[RIM + k] += k ? fall : -fall;
@@ -261,16 +261,16 @@ static LEDPI_INLINE void add_beside(const float *unknown, const Lines *across, c
 }
 
 /* To first order a homography can differ by 1, p, q in either direction, and by (p², pq) and (pq, q²); p, q in −1..1. */
-static LEDPI_INLINE void put_ways(Eight u, float v, ptrdiff_t cells, const Terms *t, Eight *by) {
+static LEDPI_INLINE void put_ways(Floats u, float v, ptrdiff_t cells, const Terms *t, Floats *by) {
     const float q = 2.0f * v - 1.0f, half = 0.5f * (float)cells;
-    const Eight p = 2.0f * u - 1.0f, across = half * t->slope[0], down = half * t->slope[1], both = p * across + q * down;
+    const Floats p = 2.0f * u - 1.0f, across = half * t->slope[0], down = half * t->slope[1], both = p * across + q * down;
     by[0] = across, by[1] = p * across, by[2] = q * across, by[3] = down, by[4] = p * down, by[5] = q * down;
     by[6] = p * both, by[7] = q * both;
 }
 
 LEDPI_SIMD void ledpi_panel_look(const Panel *panel, const View *view, const float *h, const float *u, float v, Samples *s) {
-    Eight x, y;
-    put_places(view, h, *(const Eight *)u, v, &x, &y, &s->row);
+    Floats x, y;
+    put_places(view, h, *(const Floats *)u, v, &x, &y, &s->row);
     put_seen(panel, view, x, y, s);
 }
 
@@ -284,8 +284,8 @@ static LEDPI_INLINE void put_weights(const float *predicted, const float *outsid
 
 LEDPI_SIMD void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown,
                                    const Profile *profile, const Lines *across, const Line *down, float v, Samples *s) {
-    const Eight none = {0};
-    Eight x, y;
+    const Floats none = {0};
+    Floats x, y;
     Terms t = {.slope = {none, none}};
     for (int k = WAYS; k < DENSE; k++) s->by[k] = none;
     put_places(view, h, across->at, v, &x, &y, &s->row);

@@ -97,7 +97,7 @@ static LEDPI_INLINE void add_own(Products *products, ptrdiff_t own, const Owned 
             const ptrdiff_t row = met[i].cell * own + k;
             const float by = root * met[i].by[k];
             for (int column = 0; column < DENSE; column += LEDPI_WIDTH)
-                *(Eight *)(products->mixed[row] + column) += by * *(const Eight *)(columns + column);
+                *(Floats *)(products->mixed[row] + column) += by * *(const Floats *)(columns + column);
             for (int j = i; j < count; j++) products->own[row][met[j].cell] += by * root * met[j].by; /* on and above the diagonal */
         }
 }
@@ -128,8 +128,8 @@ static void clear(const Fitting *fit, Work *work) {
 static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdiff_t first, ptrdiff_t down, bool phasing,
                                      const int16_t *blocks, float *columns, Work *work) {
     const ptrdiff_t cells = fit->panel.cells, lanes = fit->lines - first < LEDPI_WIDTH ? fit->lines - first : LEDPI_WIDTH;
-    Eight root = {0};
-    Eight32 tells = {0};
+    Floats root = {0};
+    Ints tells = {0};
     for (int lane = 0; lane < lanes; lane++) {
         if (!s->tells[lane]) continue;
         const double left = s->by[RESIDUAL][lane], trust = work->weight[blocks[lane]], weight = trust * s->weight[lane] * s->weight[lane];
@@ -140,10 +140,10 @@ static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdi
         root[lane] = trust < 1.0 ? sqrtf((float)trust) : 1.0f, tells[lane] = -1;
     }
     for (int from = 0; from < DENSE && !phasing; from += LEDPI_WIDTH) {
-        Eight part[LEDPI_WIDTH];
-        for (int k = 0; k < LEDPI_WIDTH; k++) part[k] = (Eight)((Eight32)(root * s->by[from + k]) & tells); /* it may be no number elsewhere */
+        Floats part[LEDPI_WIDTH];
+        for (int k = 0; k < LEDPI_WIDTH; k++) part[k] = (Floats)((Ints)(root * s->by[from + k]) & tells); /* it may be no number elsewhere */
         ledpi_transpose(part);
-        for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Eight *)(columns + lane * DENSE + from) = part[lane];
+        for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Floats *)(columns + lane * DENSE + from) = part[lane];
     }
     Owns owns;
     ledpi_panel_put_owns(s, &owns);

@@ -14,7 +14,7 @@ import pytest
 
 from benchmarks.endurance.sanitized import READ_BESIDE
 from ledpi.core.errors import InstallationError
-from ledpi.kernels.library import NONE, check, lib, pointer
+from ledpi.kernels.library import FOLDERS, NONE, check, lib, pointer
 from tests.builders import ROOT
 
 PACKAGE = ROOT / "ledpi"
@@ -34,6 +34,16 @@ def test_the_core_is_of_its_own_sources(updated: str, tmp_path: Path) -> None:
         source.write("/* updated */\n")
     with pytest.raises(InstallationError, match=r"other sources than .*ledpi; install ledpi again: .*gcc"):
         check(package)
+
+
+@pytest.mark.parametrize("width", [4, 8])
+def test_the_core_compiles_for_registers_of_either_width(width: int) -> None:
+    """Four numbers at once as on 64-bit ARM, eight as elsewhere; without a warning."""
+    folders = [PACKAGE / folder for folder in FOLDERS]
+    sources = [path for folder in folders for path in sorted(folder.glob("*.c"))]
+    options = ["-fsyntax-only", "-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
+    include = [f"-I{folder}" for folder in folders]
+    subprocess.run(["gcc", *options, f"-DLEDPI_WIDTH={width}", *include, *sources], check=True)
 
 
 def test_without_a_core_the_remedy_is_said() -> None:
