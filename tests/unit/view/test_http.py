@@ -23,7 +23,7 @@ from ledpi.tap.frames import camera_of, settings_of
 from ledpi.view import connections, pictures
 from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard
 from ledpi.view.hub import Hub
-from ledpi.view.server import _ANSWERS, ViewServer
+from ledpi.view.server import Handler, ViewServer
 from tests.builders import DEADLINE_S
 from tests.builders.made_up_daemon import HEALTH, PANEL, PIECE_BYTES, TAKE, TAKE_BYTES, MadeUpDaemon
 from tests.builders.tap import wait_until
@@ -299,7 +299,7 @@ def test_nothing_is_changed_by_get(site: Site, daemon: MadeUpDaemon) -> None:
 def test_nothing_is_told_without_the_token(site: Site, daemon: MadeUpDaemon) -> None:
     """The page itself holds no data, and asks for the token; all that it asks for is 401 without."""
     site.state_once("up")
-    for path in sorted({"/api/nothing", *(path for _, path in _ANSWERS)} - {"/favicon.ico"}):
+    for path in sorted({"/api/nothing", *(path for _, path in Handler.answers)} - {"/favicon.ico"}):
         for headers in ({}, {"Authorization": "Bearer wrong"}):
             assert site.ask("GET", path, headers).status == 401
             assert site.ask("HEAD", path, headers).status == 501
