@@ -20,14 +20,14 @@ from ledpi.camera.recovering import LOST
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.robot import load_robot, unreadable_note
 from ledpi.config.settings import Config
-from ledpi.core.errors import CameraError, TransientError
-from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Rejected
+from ledpi.core.errors import CameraError
+from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected
 from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.of_config import pipeline_of
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pose.fix import Robot
 from ledpi.runtime.health import Health, StageTimes
-from ledpi.runtime.left import NOTHING_LEFT, Left
+from ledpi.runtime.left import NOTHING_LEFT, Left, publisher_of
 from ledpi.runtime.liveness import Liveness
 from ledpi.runtime.observers import Observers
 from ledpi.runtime.pacing import Pacing
@@ -40,8 +40,8 @@ from ledpi.runtime.systemd import notify
 from ledpi.runtime.tapping import RecentPackets, health, setup_of
 from ledpi.runtime.threads import keep_memory, switch_promptly
 from ledpi.runtime.watchdog import Watchdog
+from ledpi.runtime.workers import Workers
 from ledpi.tap.server import Tap
-from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
 from ledpi.wire.resets import Resets
@@ -49,7 +49,6 @@ from ledpi.wire.resets import Resets
 TICK_S = 0.1  # between two updates of the status
 HEALTH_EVERY_S = 1.0  # times and temperature are read
 MINUTE_S = 60.0
-JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
 CLOSE_S = 2.0  # for a camera, which a reload opens again. A driver that hangs must not keep the controller's last word
 
 STARTING = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
@@ -91,13 +90,8 @@ class Daemon:
         self._gain = GainFollower(camera)
         _warn(config, self._pipeline, info, robot)
         resets = resets or Resets()
-        mavlink = _mavlink(config, robot.base_link_from_camera, resets)
         resets.update_map(robot.panels)
-        if publisher is None:
-            self._publisher = Publisher(config.serial, mavlink, map_resets=resets.maps)
-        else:
-            self._publisher = publisher
-            publisher.begin_anew(config.serial, mavlink, map_resets=resets.maps)
+        self._publisher = publisher_of(config, robot.base_link_from_camera, resets, publisher)
         self._left = NOTHING_LEFT
         self._health = Health()
         self._times = StageTimes()
@@ -107,13 +101,8 @@ class Daemon:
         self._partial_results = 0  # of frames, as they were known
         self._status_lock = threading.Lock()
         self._asked_to_stop = False
-        self._stop = threading.Event()
-        self._failure: BaseException | None = None
         self._started_s = time.monotonic()
-        self._threads = [
-            threading.Thread(target=self._guard, args=(loop,), name=loop.__name__.strip("_"), daemon=True)
-            for loop in (self._capture, self._decode)
-        ]
+        self._workers = Workers(self._capture, self._decode)
 
     @property
     def calibrated(self) -> bool:
@@ -161,23 +150,20 @@ class Daemon:
         try:
             self._publisher.start()
             self._observers.start()
-            for thread in self._threads:
-                thread.start()
+            self._workers.start()
             notify("READY=1")
             self._watch(at_each_tick)
         finally:
             self._close()
-        failure = self._failure or self._publisher.failure
+        failure = self._workers.failure or self._publisher.failure
         if failure is not None:
             raise failure
         return self._totals()
 
     def _close(self) -> None:
-        self._stop.set()
+        self._workers.stop.set()
         self._observers.end()
-        if self._left.camera is not None:
-            _join(self._threads[0])
-        if self._left.camera is None or self._threads[0].is_alive():  # a camera that hangs is opened again
+        if self._left.camera is None or not self._workers.join(self._capture):  # a camera that hangs is opened again
             self._left = self._left._replace(camera=None)
             closing = threading.Thread(target=self._close_camera, name="close", daemon=True)
             try:
@@ -186,9 +172,9 @@ class Daemon:
                 self._close_camera()
             else:
                 closing.join(CLOSE_S)
-            _join(self._threads[0])
+            self._workers.join(self._capture)
         self._ring.close()
-        _join(self._threads[1])
+        self._workers.join(self._decode)
         self._send_status()  # the last status counts every frame
         if self._left.publisher is None:
             self._publisher.stop()
@@ -200,18 +186,8 @@ class Daemon:
         with suppress(CameraError, OSError):
             self._camera.close()
 
-    def _guard(self, loop: Callable[[], None]) -> None:
-        try:
-            loop()
-        except OSError as error:  # what the system refuses for now; another process may fare better
-            self._failure = self._failure or TransientError(f"{loop.__name__.strip('_')}: {error}")
-            self._stop.set()
-        except BaseException as error:
-            self._failure = self._failure or error
-            self._stop.set()
-
     def _capture(self) -> None:
-        while not self._stop.is_set():
+        while not self._workers.stop.is_set():
             result = self._camera.read(self._ring.acquire())
             if result is None:
                 break
@@ -223,7 +199,7 @@ class Daemon:
             if self._liveness.delivers():
                 self._send_status()
             self._ring.publish(result)
-            while self._lossless and not self._stop.is_set() and not self._ring.wait_until_taken(TICK_S):
+            while self._lossless and not self._workers.stop.is_set() and not self._ring.wait_until_taken(TICK_S):
                 self._liveness.delivers()
         self._ring.close()
 
@@ -249,7 +225,7 @@ class Daemon:
                 self._decode_one(frame)
             elif self._ring.closed:
                 break
-        self._stop.set()
+        self._workers.stop.set()
 
     def _decode_one(self, frame: Frame) -> None:
         path = self._pipeline.likelihood
@@ -277,7 +253,7 @@ class Daemon:
         """Keeps status and health up to date until it is time to stop."""
         last, health_s, minute_s = self._totals(), time.monotonic(), time.monotonic()
         watchdog, recent = Watchdog(), RecentPackets(last.packets)
-        while not self._stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
+        while not self._workers.stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
             at_each_tick()
             now_s = time.monotonic()
             self._liveness.tick()
@@ -312,23 +288,9 @@ class Daemon:
         )
 
 
-def _join(thread: threading.Thread) -> None:
-    """Waits for a thread, a moment at most; not for one that could not be started."""
-    if thread.ident is not None:
-        thread.join(JOIN_S)
-
-
 def _warn(config: Config, pipeline: Pipeline, info: CameraInfo, robot: Robot) -> None:
     """Warns of what is no error, and probably not meant."""
     if note := unreadable_note(config, robot.panels):
         _log.warning("map: %s", note)
     for note in exposure_notes(config, pipeline.panels, info):
         _log.warning("%s", note)
-
-
-def _mavlink(config: Config, base_link_from_camera: Floats, resets: Resets) -> Mavlink | None:
-    """Raises ConfigError where it is asked for and pymavlink is missing."""
-    if config.serial.protocol != "mavlink":
-        return None
-    profile = config.serial.mavlink_profile
-    return Mavlink(base_link_from_camera=base_link_from_camera, profile=profile, resets=resets)

@@ -6,8 +6,12 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from ledpi.camera.base import Camera
+from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
+from ledpi.core.records import Floats
+from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.publisher import Publisher
+from ledpi.wire.resets import Resets
 
 
 class Left(NamedTuple):
@@ -26,3 +30,20 @@ class Left(NamedTuple):
 
 
 NOTHING_LEFT = Left(camera=None, publisher=None)
+
+
+def publisher_of(
+    config: Config, base_link_from_camera: Floats, resets: Resets, left: Publisher | None = None
+) -> Publisher:
+    """The one that was left, as this configuration has it, or a new one, not started.
+
+    Raises ConfigError where MAVLink is asked for and pymavlink is missing.
+    """
+    mavlink = None
+    if config.serial.protocol == "mavlink":
+        profile = config.serial.mavlink_profile
+        mavlink = Mavlink(base_link_from_camera=base_link_from_camera, profile=profile, resets=resets)
+    if left is None:
+        return Publisher(config.serial, mavlink, map_resets=resets.maps)
+    left.begin_anew(config.serial, mavlink, map_resets=resets.maps)
+    return left
