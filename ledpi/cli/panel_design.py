@@ -232,9 +232,12 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
 def _farthest_first(
     rows: list[tuple[str, Proposal, Reach]], kind: str, present: tuple[str, Proposal, Reach]
 ) -> list[tuple[str, Proposal, Reach]]:
-    """By the metres that the table shows; those that are read less far than the present pair in some respect, last."""
+    """By how far they carry, to two digits, as the draws tell no more; equals as they came.
+
+    Those that are read less far than the present pair in some respect come last.
+    """
     of_kind = [row for row in rows if row[0] == kind]
-    return sorted(of_kind, key=lambda row: (not row[2].is_beyond(present[2]), -round(row[2].carries_m2(), 1)))
+    return sorted(of_kind, key=lambda row: (not row[2].is_beyond(present[2]), -float(f"{row[2].carries_m2():.2g}")))
 
 
 def _add_reach(

@@ -492,6 +492,14 @@ def test_the_table_begins_with_what_is_read_furthest() -> None:
     assert [round(row[2].carries_m2(), 1) for row in ordered] == [13.6, 12.1, 13.9, 12.6]
 
 
+def test_what_carries_about_as_far_stays_in_order() -> None:
+    """Ranges are drawn: by 0.2 % they tell nothing, and what tells more a second, at all distances, came first."""
+    proposals = [("antiphase", n, reach(*metres)) for n, metres in enumerate(((2.36, 7.23), (2.52, 6.78), (2.6, 7.3)))]
+    present: Any = ("present", None, reach(1.6, 6.4))
+    ordered = _farthest_first([*proposals, present], "antiphase", present)  # type: ignore[list-item]
+    assert [row[1] for row in ordered] == [2, 0, 1]
+
+
 def test_where_no_pair_is_read_further_yours_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """And the lines for config.yaml are of yours."""
     monkeypatch.setattr("ledpi.tools.panel.reach.reach_of", lambda *_: reach(1.7, 6.9))
