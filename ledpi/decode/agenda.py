@@ -22,9 +22,14 @@ UNLIKELY = (
 
 
 def alone(candidates: list[Candidate]) -> list[Candidate]:
-    """The order in which a frame by itself tries them: those that are likely, then the best of the others."""
-    likely = [one for one in candidates if one.likely]
-    return likely + sorted((one for one in candidates if not one.likely), key=lambda one: -one.evidence)[:UNLIKELY]
+    """The order in which a frame by itself tries them: those that are likely, then the best of the others.
+
+    The likeliest first, as what lies on a panel that was read is not fitted; but the largest where bands are deep, as a
+    glance sees there how far their light changes, not where a panel ends.
+    """
+    by_evidence = sorted(candidates, key=lambda one: -one.evidence)
+    likely = [one for one in (candidates if any(one.dark_rows for one in candidates) else by_evidence) if one.likely]
+    return likely + [one for one in by_evidence if not one.likely][:UNLIKELY]
 
 
 @dataclass(slots=True, eq=False)

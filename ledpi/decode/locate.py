@@ -64,7 +64,9 @@ class Locator:
     def localise(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel at a candidate (4, 2), or why there is none."""
         fit = self._evenly(frame, corners_px, self._specs)
-        return self._quad(fit if isinstance(fit, Rejected) else self._best_placed(frame, self._finely(frame, fit)))
+        if isinstance(fit, Rejected):
+            return fit
+        return self._quad(self._best_placed(frame, self._finely(frame, self._best_of(fit, self._placed(frame, fit)))))
 
     def _evenly(self, frame: Frame, corners_px: Floats, specs: tuple[PanelSpec, ...]) -> Fitted | Rejected:
         """On a coarse grid, then on a fine one, with even cells, so that only corners move it."""
@@ -94,7 +96,9 @@ class Locator:
             most_sigma=MAX_SIGMA,
             even=True,
             faint=faint,
-            must_blink=self._must_blink,
+            banded=not faint,
+            phasing=not faint,
+            must_blink=not faint and self._must_blink,
         )
         return self._fitted(frame, fit.lattice_px, evenly, (fit.spec,), unknown)
 
@@ -108,26 +112,37 @@ class Locator:
         return self._fitted(frame, finely.lattice_px, fine, (fit.spec,), finely.unknown)
 
     def _best_placed(self, frame: Frame, fit: Fitted | Rejected) -> Fitted | Rejected:
-        """The fit, or a better one from beside what seems hidden or dark: so looks a lattice that is off by as much.
-
-        Better by both measures: more of the dark makes the share that is explained larger, and the residual smaller.
-        Only the place whose even fit explains most is fitted finely.
-        """
-        if isinstance(fit, Rejected):
+        """The fit, or a better one from beside what seems hidden or dark: so looks a lattice that is off by as much."""
+        placed = [] if isinstance(fit, Rejected) else self._placed(frame, fit)
+        if not placed or isinstance(fit, Rejected):
             return fit
+        other = self._finely(frame, self._best_of(placed[0], placed[1:]))
+        return fit if isinstance(other, Rejected) else self._best_of(fit, [other])
+
+    def _placed(self, frame: Frame, fit: Fitted) -> list[Fitted]:
+        """Even fits beside what seems hidden or dark, until nothing of one seems so."""
         placed = []
         for at in self._likelier(frame, fit):
             even = self._evenly(frame, at, (fit.spec,))
             if isinstance(even, Rejected):
                 continue
             placed.append(even)
-            if even.explained > fit.explained and not self._beside(even):
-                break  # nothing of it seems hidden
-        if not placed:
-            return fit
-        other = self._finely(frame, max(placed, key=lambda each: each.explained))
-        is_better = isinstance(other, Fitted) and other.explained > fit.explained and other.residual < fit.residual
-        return other if is_better else fit
+            if self._is_better(even, fit) and not self._beside(even):
+                break
+        return placed
+
+    def _best_of(self, fit: Fitted, others: list[Fitted]) -> Fitted:
+        for other in others:
+            if self._is_better(other, fit):
+                fit = other
+        return fit
+
+    def _is_better(self, one: Fitted, other: Fitted) -> bool:
+        """Tells whether one leaves less; and explains more, too, unless all of it is lit.
+
+        More of the dark makes the share that is explained larger, and the residual smaller.
+        """
+        return one.residual < other.residual and (one.explained > other.explained or not self._beside(one))
 
     def _likelier(self, frame: Frame, fit: Fitted) -> list[Floats]:
         """Places beside a fit where a panel is likelier at a glance; all, where the template lacks their bands."""

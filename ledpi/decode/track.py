@@ -30,7 +30,9 @@ MAX_RESHAPED = 0.1
 WORSE = 4.0
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
 OVERLAP = 0.5  # of the larger one's side: squares whose middles are no further apart are not both panels
-SAME_CELLS = 0.06  # of the side, from corner to corner: squares no further apart show the same cells
+# Of a cell, from corner to corner: squares no further apart show the same cells; and from candidates no further apart
+# fits come to the same lattice, unless an end of one may be in a dark band.
+SAME_CELLS, SAME_START = 0.25, 0.5
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
 # brakes changes it by a tenth from frame to frame.
 NEW_VELOCITY = 0.7
@@ -96,8 +98,8 @@ class Track:
 class Tracker:
     """The tracks of one stream. Call `begin_frame` for each frame, then `continue_track`, then `associate` the rest."""
 
-    def __init__(self, specs: tuple[PanelSpec, ...]) -> None:
-        self._no_frame = History.empty(specs)
+    def __init__(self, specs: tuple[PanelSpec, ...], cells: int) -> None:
+        self._no_frame, self._cells = History.empty(specs), cells
         self._tracks: list[Track] = []
         self._before_ns = self._now_ns = 0
 
@@ -144,16 +146,17 @@ class Tracker:
         """For each panel that was read, and had its turn, whether this frame has shown it."""
         return [t.state.seen_ns == self._now_ns for t in self._tracks if t.history.identity and not t.waits]
 
-    def is_followed(self, corners_px: Floats) -> bool:
+    def is_followed(self, corners_px: Floats, within: float = SAME_CELLS) -> bool:
         """Tells whether a square with these corners (4, 2) belongs to a track that this frame has shown, or that waits.
 
         There is no second panel where one was read. A square that was not read may be a part of a panel, or more than
-        it: it excludes only squares with the same cells.
+        it: it excludes only squares whose corners are no further apart than `within`, in cells.
         """
         place, corners = _place(corners_px), corners_px.tolist()
+        same = within / self._cells
         return any(
             (t.history.identity is not None and _overlap(place, t.place))
-            or corners_apart(corners, t.state.corners_px.tolist()) < SAME_CELLS * t.place[1]
+            or corners_apart(corners, t.state.corners_px.tolist()) < same * t.place[1]
             for t in self._tracks
             if t.waits or t.state.seen_ns == self._now_ns
         )

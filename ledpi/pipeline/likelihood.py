@@ -24,7 +24,7 @@ from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Outcome, Reader
 from ledpi.decode.states import Event
-from ledpi.decode.track import CONTRADICTED, SAME_PLACE, Track, Tracker
+from ledpi.decode.track import CONTRADICTED, SAME_CELLS, SAME_PLACE, SAME_START, Track, Tracker
 from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.results import Results
@@ -65,7 +65,7 @@ class LikelihoodPath:
 
     def forget(self) -> None:
         """Follows nothing."""
-        self._tracker, self._agenda = Tracker(self._specs), Agenda()
+        self._tracker, self._agenda = Tracker(self._specs, self._cells), Agenda()
 
     @property
     def spent(self) -> int:
@@ -127,7 +127,7 @@ class LikelihoodPath:
         candidates = deque(self._agenda.schedule(proposed) if self._stream else alone(proposed))
         while candidates and self._locator.spent < most:
             candidate = candidates.popleft()
-            if self._tracker.is_followed(candidate.corners_px):
+            if self._tracker.is_followed(candidate.corners_px, SAME_CELLS if candidate.dark_rows else SAME_START):
                 continue
             if is_read and not self._stream and not candidate.likely:
                 break

@@ -142,14 +142,14 @@ def test_a_far_panels_size_is_right(side: float, percent: float) -> None:
 
 @pytest.mark.parametrize("smear_px", [1, 3, 5])
 def test_the_blur_tells_how_far_a_panel_has_moved_at_most(smear_px: int) -> None:
-    """A motion by so many pixels blurs by a root of 12 of them at least; a lens's own is 1 px or so more."""
+    """A motion by so many pixels blurs by a root of 12 of them at least; a lens's own is 1.3 px at most."""
     canvas = Canvas()
     canvas.panel(square(300, 200, 100, 5), word(7))
     canvas.light = cv2.blur(canvas.light, (smear_px, 1))
     blur_px = located(canvas.frame(), square(300, 200, 100, 5)).blur_px
     assert blur_px is not None
     assert np.sqrt(12.0) * blur_px[0] > smear_px - 1
-    assert blur_px.max() < np.hypot(smear_px / np.sqrt(12.0), 1.0)
+    assert blur_px.max() < np.hypot(smear_px / np.sqrt(12.0), 1.3)
 
 
 @pytest.mark.parametrize(("smear_px", "within_px"), [(3, 0.25), (5, 0.6)])
@@ -446,3 +446,19 @@ def test_what_was_spent_is_counted() -> None:
     two.refine(canvas.frame(), true, found.unknown)
     assert 0 < followed < proposed
     assert two.spent > 1.3 * followed
+
+
+@pytest.mark.parametrize("side", [60, 100])
+@pytest.mark.parametrize("number", range(5))
+def test_a_lattice_that_is_a_row_off_is_moved_before_its_last_fit(side: float, number: int) -> None:
+    """Its dark row is plain in the first fits: the panel costs three times one that was proposed in place, at most."""
+    true, canvas = square(300.3, 200.6, side, 10 + 5 * number), Canvas()
+    canvas.panel(true, word(7))
+    spent = []
+    for near in (nudged(true, number, 1.0), true + (true[1] - true[0]) / 4):
+        locator = Locator(4, (SPEC,), None)
+        found = locator.localise(canvas.frame(number), near)
+        assert isinstance(found, Quad), reason(found)
+        assert rms(error_of(found, true)) < 0.1
+        spent.append(locator.spent)
+    assert spent[1] < 3 * spent[0]

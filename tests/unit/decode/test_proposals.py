@@ -11,6 +11,7 @@ import pytest
 
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Pixels
+from ledpi.decode.agenda import alone
 from ledpi.decode.finding.find import LatticeSearcher
 from ledpi.decode.proposals import Candidate, Proposer
 from tests.builders.decode import (
@@ -126,6 +127,19 @@ def test_what_does_not_blink_is_not_in_the_way_where_bands_are_deep() -> None:
     canvas.panel(true, word(7))
     best = proposals(canvas.frame())[:6]
     assert min(off_by(each.corners_px, true) for each in best) < NEAR
+
+
+def test_a_frame_by_itself_tries_a_panel_before_larger_windows() -> None:
+    """A fit of what is no panel costs as much, and the panel that is read excludes what lies on it."""
+    canvas = Canvas()
+    for x, y in itertools.product((110, 530), (110, 370)):
+        canvas.lamp(square(x, y, 180, x % 30), 0.3)
+        canvas.light[y - 110 : y + 110, x - 20 : x + 10] *= 0.4  # a bar
+    true = square(310.3, 240.6, 70, 12)
+    canvas.panel(true, word(7))
+    first, *others = alone(proposals(canvas.frame()))
+    assert off_by(first.corners_px, true) < NEAR
+    assert any(other.side_px > 1.3 * first.side_px for other in others)
 
 
 # ---- Lattices of cells

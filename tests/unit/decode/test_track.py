@@ -11,7 +11,7 @@ from ledpi.core.records import Floats, Quad
 from ledpi.decode.history import Identity
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.states import State
-from ledpi.decode.track import Track, Tracker
+from ledpi.decode.track import SAME_START, Track, Tracker
 from tests.builders.decode import SPEC, quad, square
 
 FRAME_NS = 16_970_000  # 504 rows of 33.67 µs
@@ -39,7 +39,7 @@ def track_of(tracker: Tracker, found: Quad) -> Track:
 
 @pytest.fixture
 def tracker() -> Tracker:
-    return Tracker((SPEC,))
+    return Tracker((SPEC,), 4)
 
 
 def test_a_square_is_followed_where_it_was(tracker: Tracker) -> None:
@@ -153,7 +153,7 @@ def test_a_velocity_is_as_exact_as_the_corners_that_it_is_from(tracker: Tracker)
     Steps share a frame, so that their errors cancel in part: nothing is promised that does not hold."""
     rng, velocities = np.random.default_rng(3), []
     for _ in range(2000):
-        tracker = Tracker((SPEC,))
+        tracker = Tracker((SPEC,), 4)
         for number in (1, 2, 3):
             tracker.begin_frame(number * FRAME_NS)
             corners = PLACE + rng.normal(0.0, 0.1, (4, 2))
@@ -205,6 +205,13 @@ def test_a_square_that_was_not_read_does_not_hide_one_around_it(tracker: Tracker
     other = track_of(tracker, replace(quad(around), residual=0.01))
     tracker.begin_frame(2 * FRAME_NS)
     assert tracker.unread_tracks() == [other] != [first]
+
+
+def test_a_candidate_within_half_a_cell_of_what_was_fitted_leads_there_again(tracker: Tracker) -> None:
+    """Cells are 15 px: from 7 px aside, not from 11, as from there the next lattice may be as near."""
+    follow(tracker, 1, PLACE)
+    assert tracker.is_followed(PLACE + np.array([7.0, 0.0]), SAME_START)
+    assert not tracker.is_followed(PLACE + np.array([11.0, 0.0]), SAME_START)
 
 
 def test_a_part_that_leaves_more_than_the_whole_is_no_panel(tracker: Tracker) -> None:
