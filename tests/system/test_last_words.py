@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.builders.daemon import COMMAND, SIMULATED, Ended, controller, daemon, end, write_recording
+from tests.builders.daemon import COMMAND, SIMULATED, Controller, Ended, controller, daemon, end, write_recording
 
 # A frame that takes as long as a robot's processor may need for the worst one, from frame 31 on.
 SLOW_FRAME = """
@@ -87,15 +88,16 @@ def test_where_no_thread_is_left_it_is_one_line(tmp_path: Path) -> None:
     assert not any("Traceback" in line for line in done.log)
 
 
-# The camera's driver gives its second picture again and again.
+# The camera's driver gives the same picture again and again, once a file is there.
 FROZEN = """
+from pathlib import Path
 from ledpi.camera.simulated import SimulatedCamera
 read, kept = SimulatedCamera.read, []
 def frozen(self, into):
     frame = read(self, into)
     if frame is None:
         return None
-    if frame.seq > 40:
+    if kept and Path({hangs!r}).exists():
         into[:] = kept[0]
     else:
         kept[:] = [into.copy()]
@@ -104,15 +106,23 @@ SimulatedCamera.read = frozen
 """
 
 
+def after(line: Controller, frames: int) -> Callable[[Controller], bool]:
+    """Tells whether so many frames more were taken than the last status has counted."""
+    then = line.statuses[-1][1].frames + frames
+    return lambda line: line.statuses[-1][1].frames > then
+
+
 @pytest.mark.parametrize("frozen", [False, True])
-def test_a_picture_that_comes_again_is_no_news(frozen: bool) -> None:
+def test_a_picture_that_comes_again_is_no_news(frozen: bool, tmp_path: Path) -> None:
     """A camera that hangs and says otherwise: no pose is sent of what it showed before, and the journal counts why."""
-    command = [*COMMAND[:2], FROZEN * frozen + COMMAND[2], *COMMAND[3:]]
+    command = [*COMMAND[:2], FROZEN.format(hangs=str(tmp_path / "hangs")) + COMMAND[2], *COMMAND[3:]]
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}", command=command) as process:
-        line.wait_for(lambda line: len(line.markers) > 10)
-        line.wait_for(lambda line: bool(line.statuses) and line.statuses[-1][1].frames > 70)
+        line.wait_for(lambda line: len(line.markers) > 10 and bool(line.statuses))
+        if frozen:
+            (tmp_path / "hangs").touch()
+        line.wait_for(after(line, 30))
         seen = len(line.markers)
-        line.wait_for(lambda line: line.statuses[-1][1].frames > 120)
+        line.wait_for(after(line, 50) if frozen else lambda line: len(line.markers) > seen)
         done = end(process, signal.SIGTERM)
         assert (len(line.markers) == seen) == frozen
     assert ("capture.repeated" in done.log[-1]) == frozen
