@@ -30,7 +30,7 @@ MAX_RESHAPED = 0.1
 WORSE = 4.0
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
 OVERLAP = 0.5  # of the larger one's side: squares whose middles are no further apart are not both panels
-# Of a cell, from corner to corner: squares no further apart show the same cells; and from candidates no further apart
+# In cells, from corner to corner: squares no further apart show the same cells; and from candidates no further apart
 # fits come to the same lattice, unless an end of one may be in a dark band.
 SAME_CELLS, SAME_START = 0.25, 0.5
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
