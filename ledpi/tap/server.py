@@ -36,8 +36,8 @@ MOST_WAITING_BYTES = 1 << 23
 # Between two turns, in each of which a client may ask one thing.
 PACE_S = 0.002
 # Of a processor's time, that clients may take by what they ask, connect and read: however many flood the tap, the
-# decoder needs the interpreter. After a turn for them, or with a picture, only frames and health are sent, until so
-# much has passed.
+# decoder needs the interpreter. After a turn for them, or with a picture, frames and health are sent and what waits
+# still, until so much has passed.
 CLIENTS_SHARE = 0.05
 # Frames that are passed over for one of which the whole picture was searched, where somebody wants to know what was
 # rejected: a stream searches in every third.
@@ -185,12 +185,12 @@ class Tap:
         self._greet()
         self._pass_on()
         self._crowd.send()
-        if heard or self._pictured_s > pictured_s:
-            since_s = max(time.monotonic(), self._heard_from_s)
-            self._heard_from_s = since_s + (time.thread_time() - worked_s) / CLIENTS_SHARE
         self._asked = [(follower, request) for follower, request in self._asked if not follower.is_gone]
         if heard:
             self._ask_for_picture()
+        if heard or self._pictured_s > pictured_s:
+            since_s = max(time.monotonic(), self._heard_from_s)
+            self._heard_from_s = since_s + (time.thread_time() - worked_s) / CLIENTS_SHARE
         self._followed = len(self._crowd) > 0
 
     def _answer_commands(self) -> None:
