@@ -41,9 +41,9 @@ def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
         transfer=frame.transfer,
     )
     proposed, _ = Proposer(camera, 4, [spec]).propose(frame)
-    candidates = [each for candidate in proposed for each in (candidate, *candidate.moved_ends())]
+    starts = [at for candidate in proposed for at in (candidate.corners_px, *candidate.moved_ends())]
     locator = Locator(4, (spec,), lens)
-    quads = [locator.localise(frame, candidate.corners_px) for candidate in candidates]
+    quads = [locator.localise(frame, at) for at in starts]
     found = [
         (np.roll(quad.corners_px, turn, axis=0), np.roll(quad.covariance_px2, (2 * turn, 2 * turn), axis=(0, 1)))
         for quad in quads

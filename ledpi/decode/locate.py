@@ -63,10 +63,19 @@ class Locator:
 
     def localise(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel at a candidate (4, 2), or why there is none."""
+        fit = self.begin(frame, corners_px)
+        return fit if isinstance(fit, Rejected) else self.finish(frame, fit)
+
+    def begin(self, frame: Frame, corners_px: Floats) -> Fitted | Rejected:
+        """The best even fit at a candidate (4, 2), or why there is none."""
         fit = self._evenly(frame, corners_px, self._specs)
-        if isinstance(fit, Rejected):
-            return fit
-        return self._quad(self._best_placed(frame, self._finely(frame, self._best_of(fit, self._placed(frame, fit)))))
+        if isinstance(fit, Rejected) or band_depth(frame, self._specs) > FAINT_DEPTH:
+            return fit  # a dark band looks like a dark row
+        return self._best_of(fit, self._placed(frame, fit))
+
+    def finish(self, frame: Frame, fit: Fitted) -> Quad | Rejected:
+        """The panel that an even fit has found, or why it is none."""
+        return self._quad(self._best_placed(frame, self._finely(frame, fit)))
 
     def _evenly(self, frame: Frame, corners_px: Floats, specs: tuple[PanelSpec, ...]) -> Fitted | Rejected:
         """On a coarse grid, then on a fine one, with even cells, so that only corners move it."""

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from ledpi.core.geometry import quad_side
 from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected, read_only
 from ledpi.decode.evidence.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import band_depth, dimmest
@@ -38,20 +37,15 @@ class Candidate(NamedTuple):
         """Tells whether it is worth a fit."""
         return self.evidence > 0.0
 
-    @classmethod
-    def from_corners(cls, corners_px: Floats, dark_rows: int = 0) -> Candidate:
-        """The candidate with these corners (4, 2)."""
-        return cls(corners_px, quad_side(corners_px.tolist()), dark_rows)
-
-    def moved_ends(self) -> list[Candidate]:
-        """The same with the upper end, the lower one, or both a third of a dark band further up or down."""
+    def moved_ends(self) -> list[Floats]:
+        """Its corners (4, 2) with the upper end, the lower one, or both a third of a dark band further up or down."""
         if not self.dark_rows:
             return []
         x, y = self.corners_px.T
         lower, rows = (y - y.min()) / max(float(np.ptp(y)), 1e-9), self.dark_rows / 3.0
         moves = ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, -1))
         ends = [y + rows * (a * (1.0 - lower) + b * lower) for a, b in moves]
-        return [Candidate.from_corners(np.column_stack([x, at])) for at in ends]
+        return [np.column_stack([x, at]) for at in ends]
 
 
 class Proposer:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
@@ -17,8 +16,8 @@ from ledpi.decode.following import MOST_FITS
 from ledpi.decode.history import Identity
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.locate import Locator
-from ledpi.decode.model.fit import MISFIT
+from ledpi.decode.locate import MIN_EXPLAINED_HIDDEN, Locator
+from ledpi.decode.model.fit import Fitted
 from ledpi.decode.model.picture import PanelPicture
 from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import Candidate, Proposer
@@ -120,29 +119,42 @@ class LikelihoodPath:
     def _search(self, frame: Frame, most: int, work: Results) -> Iterator[list[Detection]]:
         """The panels that candidates lead to, while less than `most` is spent.
 
-        Of a frame that is alone a candidate that is no panel as it stands, though its corners are certain, may end in a
-        dark band: then its ends are moved. In a stream the next frame's bands are elsewhere.
+        In a frame that is alone what its even fit explains no better than a lattice that is off waits for the others:
+        most of it lies on a panel that is read by then.
         """
         proposed, is_read = self._propose(frame, work), False
-        candidates = deque(self._agenda.schedule(proposed) if self._stream else alone(proposed))
-        while candidates and self._locator.spent < most:
-            candidate = candidates.popleft()
+        waiting: list[tuple[Fitted, Candidate]] = []
+        for candidate in self._agenda.schedule(proposed) if self._stream else alone(proposed):
+            if self._locator.spent >= most or (is_read and not self._stream and not candidate.likely):
+                break
             if self._tracker.is_followed(candidate.corners_px, SAME_CELLS if candidate.dark_rows else SAME_START):
                 continue
-            if is_read and not self._stream and not candidate.likely:
+            self._agenda.tried(candidate)
+            fit = self._begin(frame, candidate.corners_px, work)
+            if isinstance(fit, Fitted):
+                if self._stream or fit.explained >= MIN_EXPLAINED_HIDDEN:
+                    yield (found := self._finish(frame, fit, work))
+                    is_read = is_read or bool(found)
+                else:
+                    waiting.append((fit, candidate))
+        for fit, candidate in sorted(waiting, key=lambda one: -one[0].explained):
+            if self._locator.spent < most and not self._tracker.is_followed(fit.corners_px):
+                yield self._finish(frame, self._with_ends_moved(frame, fit, candidate, work), work)
+
+    def _with_ends_moved(self, frame: Frame, fit: Fitted, candidate: Candidate, work: Results) -> Fitted:
+        """The best even fit at a candidate or with its ends moved, as one of them may be in a dark band.
+
+        In a stream the next frame's bands are elsewhere.
+        """
+        for at in candidate.moved_ends():
+            if fit.explained >= MIN_EXPLAINED_HIDDEN:
                 break
-            quad = self._localise(frame, candidate, work)
-            found: list[Detection] = []
-            if not isinstance(quad, Rejected):
-                associated = self._tracker.associate(quad)
-                if associated is None:
-                    work.reject(candidate.corners_px, SAME_PLACE)
-                seen = self._observe(frame, [associated] if associated else [], work)
-                found = self._identify(frame, seen, work)
-                is_read = is_read or bool(found)
-                yield found
-            if not self._stream and not found and (quad is MISFIT or isinstance(quad, Quad)):
-                candidates.extend(candidate.moved_ends())
+            if self._tracker.is_followed(at):
+                continue
+            other = self._begin(frame, at, work)
+            if isinstance(other, Fitted) and other.explained > fit.explained:
+                fit = other
+        return fit
 
     def _propose(self, frame: Frame, work: Results) -> list[Candidate]:
         start = time.perf_counter()
@@ -154,14 +166,28 @@ class LikelihoodPath:
         work.add_time("find", start)
         return candidates
 
-    def _localise(self, frame: Frame, candidate: Candidate, work: Results) -> Quad | Rejected:
+    def _begin(self, frame: Frame, corners_px: Floats, work: Results) -> Fitted | Rejected:
+        """The even fit at a candidate (4, 2), or why there is none."""
         start = time.perf_counter()
-        self._agenda.tried(candidate)
-        quad = self._locator.localise(frame, candidate.corners_px)
+        fit = self._locator.begin(frame, corners_px)
+        work.add_time("fit", start)
+        if isinstance(fit, Rejected):
+            work.reject(corners_px, fit)
+        return fit
+
+    def _finish(self, frame: Frame, fit: Fitted, work: Results) -> list[Detection]:
+        """The panel that an even fit has found, if it is one and can be read."""
+        start = time.perf_counter()
+        quad = self._locator.finish(frame, fit)
         work.add_time("fit", start)
         if isinstance(quad, Rejected):
-            work.reject(candidate.corners_px, quad)
-        return quad
+            work.reject(fit.corners_px, quad)
+            return []
+        associated = self._tracker.associate(quad)
+        if associated is None:
+            work.reject(quad.corners_px, SAME_PLACE)
+            return []
+        return self._identify(frame, self._observe(frame, [associated], work), work)
 
     def _observe(self, frame: Frame, squares: list[tuple[Quad, Track]], work: Results) -> list[_Observed]:
         """The light of the squares, of those that show some."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
+from ledpi.core.geometry import quad_side
 from ledpi.core.records import (
     CameraInfo,
     Floats,
@@ -28,6 +29,7 @@ from ledpi.core.records import (
     Singles,
     Transfer,
 )
+from ledpi.decode.proposals import Candidate
 
 Bits = NDArray[np.bool_]
 Profile = Callable[[Floats, Floats], Floats]  # light at (u, v), 0..1 across and down the panel
@@ -68,6 +70,11 @@ def word(marker_id: int, quarter_turns: int = 0) -> Bits:
     for _ in range(quarter_turns):
         bits = bits[::-1].T
     return bits
+
+
+def candidate(corners_px: Floats, dark_rows: int = 0) -> Candidate:
+    """A candidate with these corners (4, 2), as likely as can be."""
+    return Candidate(corners_px, quad_side(corners_px.tolist()), dark_rows)
 
 
 def square(x: float, y: float, side: float, turn_deg: float = 0.0) -> Floats:

@@ -7,11 +7,11 @@ import pytest
 
 from ledpi.decode.agenda import SEARCH_EVERY, Agenda
 from ledpi.decode.proposals import Candidate
-from tests.builders.decode import square
+from tests.builders.decode import candidate, square
 
 
 def candidates(*places: tuple[float, float], side: float = 40.0) -> list[Candidate]:
-    return [Candidate.from_corners(square(x, y, side)) for x, y in places]
+    return [candidate(square(x, y, side)) for x, y in places]
 
 
 ROW = [(60.0 + 50 * n, 200.0) for n in range(10)]
@@ -21,9 +21,9 @@ def looked_at(agenda: Agenda, proposed: list[Candidate], budget: int) -> list[in
     """Which of them a frame looks at, that can look at so many."""
     agenda.is_due([False])
     order = agenda.schedule(proposed)[:budget]
-    for candidate in order:
-        agenda.tried(candidate)
-    return [next(k for k, one in enumerate(proposed) if one is candidate) for candidate in order]
+    for one in order:
+        agenda.tried(one)
+    return [next(k for k, each in enumerate(proposed) if each is one) for one in order]
 
 
 def test_the_first_frame_takes_the_best_first() -> None:

@@ -11,8 +11,7 @@ from ledpi.core.records import Floats, Pixels
 from ledpi.decode.agenda import Agenda, alone
 from ledpi.decode.finding.find import Glancer
 from ledpi.decode.finding.glance import template
-from ledpi.decode.proposals import Candidate
-from tests.builders.decode import Canvas, Profile, bare, diffuser, flat, one_size, square, word
+from tests.builders.decode import Canvas, Profile, bare, candidate, diffuser, flat, one_size, square, word
 
 LIKELY = 5.0  # nats: of 150 candidates, texture gets past in one
 
@@ -98,7 +97,7 @@ def test_panels_of_other_dictionaries_have_their_own_template(cells: int) -> Non
 
 def test_what_is_unlikely_has_its_turn_in_a_stream() -> None:
     """One in each search, those tried longest ago first; the likely ones come before."""
-    likely, *others = (Candidate.from_corners(square(100.0 * k, 100, 50)) for k in range(1, 5))
+    likely, *others = (candidate(square(100.0 * k, 100, 50)) for k in range(1, 5))
     others = [each._replace(evidence=-1.0) for each in others]
     agenda, tried = Agenda(), []
     for _ in range(6):
@@ -113,5 +112,5 @@ def test_what_is_unlikely_has_its_turn_in_a_stream() -> None:
 def test_a_frame_by_itself_tries_the_best_of_the_unlikely_last() -> None:
     """The likely ones come in their order, then two of the others, the likelier one first."""
     given = [(1, 3.0), (2, -9.0), (3, 1.0), (4, -2.0), (5, -1.0)]
-    candidates = [Candidate.from_corners(square(100.0 * k, 100, 50))._replace(evidence=nats) for k, nats in given]
+    candidates = [candidate(square(100.0 * k, 100, 50))._replace(evidence=nats) for k, nats in given]
     assert [one.evidence for one in alone(candidates)] == [3.0, 1.0, -1.0, -2.0]

@@ -37,8 +37,8 @@ def proposals(frame: Frame) -> list[Candidate]:
     return proposer.propose(frame)[0]
 
 
-def with_moved_ends(frame: Frame) -> list[Candidate]:
-    return [each for candidate in proposals(frame) for each in (candidate, *candidate.moved_ends())]
+def with_moved_ends(frame: Frame) -> list[Floats]:
+    return [at for candidate in proposals(frame) for at in (candidate.corners_px, *candidate.moved_ends())]
 
 
 def off_by(corners: Floats, true: Floats) -> float:
@@ -49,7 +49,7 @@ def off_by(corners: Floats, true: Floats) -> float:
 
 
 def nearest(frame: Frame, true: Floats) -> float:
-    return min((off_by(each.corners_px, true) for each in with_moved_ends(frame)), default=math.inf)
+    return min((off_by(at, true) for at in with_moved_ends(frame)), default=math.inf)
 
 
 @pytest.mark.parametrize("profile", [flat, diffuser, one_size, bare])
@@ -301,7 +301,7 @@ def test_ends_are_moved_where_dark_bands_may_hide_them(exposure_us: float, more:
     first = proposals(canvas.frame())[0]
     moved = first.moved_ends()
     assert len(moved) == more
-    for each in moved:
-        by = each.corners_px - first.corners_px
+    for at in moved:
+        by = at - first.corners_px
         assert not by[:, 0].any()
         assert 1.0 < np.abs(by[:, 1]).max() < first.dark_rows / 2.0

@@ -32,6 +32,7 @@ from tests.builders.decode import (
     Bits,
     Canvas,
     camera_info,
+    candidate,
     diffuser,
     drawn,
     flat,
@@ -777,8 +778,24 @@ def test_what_touches_a_panel_that_was_read_does_not_hide_it() -> None:
 def test_a_candidate_that_leads_to_the_same_square_again_is_counted() -> None:
     """A twelfth of a side beside the first one; the square shows no codeword, so it does not keep others away."""
     path = pipeline(stream=True)
-    candidates = [Candidate.from_corners(NEAR + off_px) for off_px in (1.0, 9.0)]
+    candidates = [candidate(NEAR + off_px) for off_px in (1.0, 9.0)]
     path.likelihood._proposer.propose = lambda frame: (candidates, [])  # type: ignore[method-assign]
     decoded = path.decode(frame_of((NEAR, drawn("1111/1010/0110/1001"))))
     reasons = [f"{why.stage}.{why.reason}" for why in decoded.rejected]
     assert reasons == ["identify.not_in_dictionary", "track.same_place"]
+
+
+def test_a_frame_by_itself_fits_what_is_off_only_roughly() -> None:
+    """With a candidate of the panel itself behind one that is a cell longer the frame costs less than without it."""
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(NEAR, word(7))
+    longer = NEAR + (NEAR[3] - NEAR[0]) / 4 * np.array([[0], [0], [1], [1]])
+
+    def read_at(*candidates: Candidate) -> tuple[list[int], int]:
+        path = Pipeline(camera_info(exposure_us=SHORT_US), panel_settings(), intrinsics=PINHOLE, stream=False)
+        path.likelihood._proposer.propose = lambda frame: (list(candidates), [])  # type: ignore[method-assign]
+        return ids(path.decode(canvas.frame())), path.likelihood.spent
+
+    (_, without), (read, cost) = read_at(candidate(longer)), read_at(candidate(longer), candidate(NEAR))
+    assert read == [7]
+    assert cost < without
