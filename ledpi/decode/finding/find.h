@@ -87,22 +87,28 @@ ptrdiff_t ledpi_drop_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cel
 
 /* ---- Bright blobs, and the lattices that they form */
 
-/* Pixels side by side, `from` … `to` − 1, and the first run of the blob that they are in. */
+enum { LEDPI_BLOB = 6, LEDPI_LATTICE_SPAN = 17, LATTICE_REACH = (LEDPI_LATTICE_SPAN - 1) / 2 };
+
+/* Pixels side by side, `from` … `to` − 1, and the piece of a blob that they are in. */
 typedef struct {
-    int32_t row, from, to, root;
+    int32_t from, to, piece;
 } BlobRun;
+
+/* Runs that touch, and their moments: of 1, x, y, x², xy, y². A part of another piece, or of itself. */
+typedef struct {
+    double sums[LEDPI_BLOB];
+    int32_t part_of;
+} BlobPiece;
 
 /* Its pixels' number, middle, and second moments about that. */
 typedef struct {
     double area, x, y, xx, xy, yy;
 } Blob;
 
-enum { LEDPI_BLOB = 6, LEDPI_LATTICE_SPAN = 17, LATTICE_REACH = (LEDPI_LATTICE_SPAN - 1) / 2 };
-
-/* Blobs (most) of 4-connected pixels of `lit` (height, width), 0 or 255, no larger than `most_area`; from the top down. `lit` and
- * `runs` (most_runs), `sums` (most_runs, LEDPI_BLOB) are used up. What there is no room for is left out (blobs.c). */
-ptrdiff_t ledpi_blobs(uint8_t *lit, ptrdiff_t height, ptrdiff_t width, double most_area, ptrdiff_t most_runs, BlobRun *runs,
-                      double (*sums)[LEDPI_BLOB], ptrdiff_t most, Blob *blobs);
+/* Blobs (most) of 4-connected pixels of `lit` (height, width), 0 or 255, no larger than `most_area`; from the top down. `lit`,
+ * `runs` (2, width) and `pieces` (most_pieces) are used up. What there is no room for is left out (blobs.c). */
+ptrdiff_t ledpi_blobs(uint8_t *lit, ptrdiff_t height, ptrdiff_t width, double most_area, BlobRun *runs, ptrdiff_t most_pieces,
+                      BlobPiece *pieces, ptrdiff_t most, Blob *blobs);
 
 /* Lattices (most, span, span) of at least `least` of the blobs: the number of each, −1 where there is none. `used` (count)
  * is room (lattices.c). */

@@ -17,12 +17,11 @@ enum { WIDEST = 8, PAD = 16 };
 enum { MOST_LEDS = 3 }; /* along a cell: each may be seen by itself */
 enum { PASSES = 3 }; /* in which a homography's weights settle */
 enum { BESIDE = 2 }; /* rows of other spots that may continue a lattice of cells: one on each side */
-enum { MOST_RUNS = 40000, MOST_BLOBS = 1500, MOST_LATTICES = 400 }; /* of a picture: what has more is texture */
+enum { MOST_PIECES = 40000, MOST_BLOBS = 1500, MOST_LATTICES = 400 }; /* of a picture: what has more is texture */
 enum { SPAN_NODES = LEDPI_LATTICE_SPAN * LEDPI_LATTICE_SPAN, NUMBERS = 8 };
 
 typedef struct {
-    BlobRun runs[MOST_RUNS];
-    double sums[MOST_RUNS][LEDPI_BLOB];
+    BlobPiece pieces[MOST_PIECES];
     Blob blobs[MOST_BLOBS];
     uint8_t used[MOST_BLOBS];
     int32_t lattices[MOST_LATTICES][SPAN_NODES];
@@ -121,25 +120,40 @@ static bool is_in(const Nodes *n, const Part *part, ptrdiff_t k) {
     return true;
 }
 
+enum { PRODUCTS = 6 }; /* of u, v and 1: uu, uv, u, vv, v, 1 */
+
+/* Adds up over a part's nodes these products, each times its weight and 1, x, y, x² + y² of where it is seen. */
+static void add_products(const Nodes *n, const Part *part, const double h[NUMBERS], double sums[4][PRODUCTS]) {
+    for (ptrdiff_t k = 0; k < n->count; k++) {
+        if (!is_in(n, part, k)) continue;
+        const double u = ((double)n->node[0][k] - n->mean[0][0]) / n->spread[0], v = ((double)n->node[1][k] - n->mean[0][1]) / n->spread[0];
+        const double x = (n->at[0][k] - n->mean[1][0]) / n->spread[1], y = (n->at[1][k] - n->mean[1][1]) / n->spread[1];
+        const double depth = h[6] * u + h[7] * v + 1.0, weight = 1.0 / fmax(depth * depth, 1e-6);
+        const double products[PRODUCTS] = {u * u, u * v, u, v * v, v, 1.0}, of[4] = {weight, weight * x, weight * y, weight * (x * x + y * y)};
+        for (int i = 0; i < 4; i++)
+            for (int j = 0; j < PRODUCTS; j++) sums[i][j] += of[i] * products[j];
+    }
+}
+
 /* The homography (8 numbers, and 1) of least error in the picture from a part's nodes to where they are seen, both in
  * deviations about their means. The algebraic error (Hartley and Zisserman, Multiple View Geometry, 4.1) over a point's depth
- * is the geometric one, and depths are known after a first pass. */
+ * is the geometric one, and depths are known after a first pass. A node's rows are (u, v, 1, 0, 0, 0, -xu, -xv | x) and
+ * (0, 0, 0, u, v, 1, -yu, -yv | y). */
 static bool put_homography(const Nodes *n, const Part *part, double h[NUMBERS]) {
+    static const int product[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}};
+    enum { ROW = NUMBERS + 1 };
     for (int k = 0; k < NUMBERS; k++) h[k] = 0.0;
     for (int pass = 0; pass < PASSES; pass++) {
-        double matrix[NUMBERS * (NUMBERS + 1)] = {0.0};
-        for (ptrdiff_t k = 0; k < n->count; k++) {
-            if (!is_in(n, part, k)) continue;
-            const double u = ((double)n->node[0][k] - n->mean[0][0]) / n->spread[0], v = ((double)n->node[1][k] - n->mean[0][1]) / n->spread[0];
-            const double depth = h[6] * u + h[7] * v + 1.0, weight = 1.0 / fmax(depth * depth, 1e-6);
-            for (int axis = 0; axis < 2; axis++) {
-                const double at = (n->at[axis][k] - n->mean[1][axis]) / n->spread[1];
-                double row[NUMBERS + 1] = {0.0};
-                row[3 * axis] = u, row[3 * axis + 1] = v, row[3 * axis + 2] = 1.0, row[6] = -at * u, row[7] = -at * v, row[8] = at;
-                for (int i = 0; i < NUMBERS; i++)
-                    for (int j = i; j <= NUMBERS; j++) matrix[i * (NUMBERS + 1) + j] += weight * row[i] * row[j];
-            }
-        }
+        double matrix[NUMBERS * ROW] = {0.0}, sums[4][PRODUCTS] = {{0.0}};
+        add_products(n, part, h, sums);
+        for (int axis = 0; axis < 2; axis++)
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    matrix[(3 * axis + i) * ROW + 3 * axis + j] = sums[0][product[i][j]];
+                    matrix[(3 * axis + i) * ROW + 6 + j] = (j < 2 ? -1.0 : 1.0) * sums[1 + axis][product[i][j]];
+                }
+        for (int i = 0; i < 2; i++)
+            for (int j = 0; j < 3; j++) matrix[(6 + i) * ROW + 6 + j] = (j < 2 ? 1.0 : -1.0) * sums[3][product[i][j]];
         ledpi_eliminate(matrix, NUMBERS, 0, NUMBERS);
         for (int i = 0; i < NUMBERS; i++)
             if (!(matrix[i * (NUMBERS + 2)] > 0.0)) return false;
@@ -218,15 +232,16 @@ static ptrdiff_t add_panels(const Nodes *n, ptrdiff_t cells, double scale, ptrdi
     return count;
 }
 
-static ptrdiff_t room_of(ptrdiff_t height, ptrdiff_t width, ptrdiff_t *sums, ptrdiff_t *lit) {
-    *sums = (ptrdiff_t)sizeof(BlobRoom);
+static ptrdiff_t room_of(ptrdiff_t height, ptrdiff_t width, ptrdiff_t *runs, ptrdiff_t *sums, ptrdiff_t *lit) {
+    *runs = (ptrdiff_t)sizeof(BlobRoom);
+    *sums = *runs + (ptrdiff_t)sizeof(BlobRun) * 2 * width;
     *lit = *sums + (ptrdiff_t)sizeof(uint16_t) * 4 * (width + 2 * PAD);
     return *lit + height * width;
 }
 
 ptrdiff_t ledpi_lattice_room(ptrdiff_t height, ptrdiff_t width) {
-    ptrdiff_t sums, lit;
-    return room_of(height, width, &sums, &lit);
+    ptrdiff_t runs, sums, lit;
+    return room_of(height, width, &runs, &sums, &lit);
 }
 
 /* Corners (most, 4, 2) in the frame of panels of `cells` × `cells` that `pictures` (count) may show. Returns how many. */
@@ -234,15 +249,16 @@ ptrdiff_t ledpi_lattice_squares(const PyramidPicture *pictures, ptrdiff_t count,
                                 double *corners) {
     double (*const found)[4][2] = (double (*)[4][2])corners;
     BlobRoom *const own = (BlobRoom *)room;
-    ptrdiff_t squares = 0, sums_at, lit_at;
-    room_of(pictures->height, pictures->width, &sums_at, &lit_at);
+    ptrdiff_t squares = 0, runs_at, sums_at, lit_at;
+    room_of(pictures->height, pictures->width, &runs_at, &sums_at, &lit_at);
+    BlobRun *const runs = (BlobRun *)(room + runs_at);
     uint8_t *const lit = room + lit_at;
     for (ptrdiff_t level = 0; level < count; level++)
         for (size_t around = 0; around < sizeof AROUND / sizeof *AROUND; around++) {
             const PyramidPicture *const seen = pictures + level;
             const double width = 2.0 * (double)AROUND[around] + 1.0;
             put_lit(seen, AROUND[around], (uint16_t *)(room + sums_at), lit);
-            const ptrdiff_t blobs = ledpi_blobs(lit, seen->height, seen->width, 2.0 * width * width, MOST_RUNS, own->runs, own->sums,
+            const ptrdiff_t blobs = ledpi_blobs(lit, seen->height, seen->width, 2.0 * width * width, runs, MOST_PIECES, own->pieces,
                                                 MOST_BLOBS, own->blobs);
             const ptrdiff_t lattices = ledpi_lattices(own->blobs, blobs, (cells - 2) * (cells - 2), own->used,
                                                       MOST_LATTICES, own->lattices[0]);

@@ -26,48 +26,51 @@ static bool are_alike(const Blob *one, const Blob *other) {
     return one->area < ALIKE * other->area && other->area < ALIKE * one->area;
 }
 
-/* The first blob at y or below: they come from the top down. */
+/* The first blob at y or below: they come from the top down. Halves are chosen without a branch, as none is likelier. */
 static ptrdiff_t first_below(const Blob *blobs, ptrdiff_t count, double y) {
-    ptrdiff_t low = 0;
-    while (low < count) {
-        const ptrdiff_t middle = (low + count) / 2;
-        if (blobs[middle].y < y) low = middle + 1;
-        else count = middle;
+    ptrdiff_t first = 0;
+    while (count > 1) {
+        const ptrdiff_t half = count / 2;
+        first += blobs[first + half - 1].y < y ? half : 0;
+        count -= half;
     }
-    return low;
+    return first + (count == 1 && blobs[first].y < y);
 }
 
-/* Neighbours of a blob, the nearest first, and where they are once its moments are a unit circle's: (NEAR, 3) with how far. */
-static ptrdiff_t neighbours_of(const Blob *blobs, ptrdiff_t count, const Blob *own, ptrdiff_t which[NEAR], double at[NEAR][3]) {
-    const double l = sqrt(own->xx), m = own->xy / l, r = sqrt(fmax(own->yy - m * m, 1e-6));
-    const double reach = FARTHEST * sqrt(fmax(own->xx, own->yy));
-    ptrdiff_t near = 0;
-    for (ptrdiff_t j = first_below(blobs, count, own->y - reach); j < count && blobs[j].y <= own->y + reach; j++) {
-        const double dx = blobs[j].x - own->x, dy = blobs[j].y - own->y;
-        if (fabs(dx) > reach || !are_alike(blobs + j, own)) continue;
-        const double x = dx / l, y = (dy - m * x) / r, away = sqrt(x * x + y * y);
-        if (away < NEAREST || away > FARTHEST || (near == NEAR && away >= at[NEAR - 1][2])) continue;
-        ptrdiff_t k = near < NEAR ? near++ : NEAR - 1;
-        for (; k > 0 && at[k - 1][2] > away; k--) {
-            which[k] = which[k - 1];
-            memcpy(at[k], at[k - 1], sizeof *at);
-        }
-        which[k] = j, at[k][0] = x, at[k][1] = y, at[k][2] = away;
+/* A neighbour, and where it is once a blob's moments are a unit circle's: how far, squared. */
+typedef struct {
+    const Blob *blob;
+    double x, y, away2;
+} Neighbour;
+
+/* Neighbours of a blob, the nearest first. */
+static ptrdiff_t neighbours_of(const Blob *blobs, ptrdiff_t count, const Blob *own, Neighbour near[NEAR]) {
+    const double l = sqrt(own->xx), m = own->xy / l, r = sqrt(fmax(own->yy - m * m, 1e-6)), per_l = 1.0 / l, per_r = 1.0 / r;
+    const double reach = FARTHEST * sqrt(fmax(own->xx, own->yy)), lowest = own->y + reach;
+    ptrdiff_t found = 0;
+    for (const Blob *at = blobs + first_below(blobs, count, own->y - reach), *end = blobs + count; at < end && at->y <= lowest; at++) {
+        const double dx = at->x - own->x, dy = at->y - own->y;
+        if (fabs(dx) > reach || !are_alike(at, own)) continue;
+        const double x = dx * per_l, y = (dy - m * x) * per_r, away2 = x * x + y * y;
+        if (away2 < NEAREST * NEAREST || away2 > FARTHEST * FARTHEST || (found == NEAR && away2 >= near[NEAR - 1].away2)) continue;
+        ptrdiff_t k = found < NEAR ? found++ : NEAR - 1;
+        for (; k > 0 && near[k - 1].away2 > away2; k--) near[k] = near[k - 1];
+        near[k] = (Neighbour){at, x, y, away2};
     }
-    return near;
+    return found;
 }
 
 /* Both steps of the lattice that a blob is in: to the nearest pair of neighbours that are as far, at right angles. */
 static bool put_steps(const Blob *blobs, ptrdiff_t count, const Blob *own, Step steps[2]) {
-    ptrdiff_t which[NEAR];
-    double at[NEAR][3];
-    const ptrdiff_t near = neighbours_of(blobs, count, own, which, at);
-    for (ptrdiff_t b = 1; b < near; b++)
+    Neighbour near[NEAR];
+    const ptrdiff_t found = neighbours_of(blobs, count, own, near);
+    for (ptrdiff_t b = 1; b < found; b++)
         for (ptrdiff_t a = 0; a < b; a++) {
-            const double product = at[a][0] * at[b][0] + at[a][1] * at[b][1];
-            if (at[b][2] > EVEN * at[a][2] || fabs(product) > SQUARE * at[a][2] * at[b][2]) continue;
-            const Blob *const ends[2] = {blobs + which[a], blobs + which[b]};
-            for (int k = 0; k < 2; k++) steps[k] = (Step){ends[k]->x - own->x, ends[k]->y - own->y};
+            const Neighbour *const one = near + a, *const other = near + b;
+            const double product = one->x * other->x + one->y * other->y;
+            if (other->away2 > EVEN * EVEN * one->away2 || product * product > SQUARE * SQUARE * one->away2 * other->away2) continue;
+            steps[0] = (Step){one->blob->x - own->x, one->blob->y - own->y};
+            steps[1] = (Step){other->blob->x - own->x, other->blob->y - own->y};
             return true;
         }
     return false;
@@ -75,16 +78,16 @@ static bool put_steps(const Blob *blobs, ptrdiff_t count, const Blob *own, Step 
 
 /* The blob nearest to (x, y), in steps of the lattice; −1 where all are astray. */
 static ptrdiff_t blob_near(const Blob *blobs, ptrdiff_t count, const Blob *own, const Step steps[2], double x, double y) {
-    const double det = steps[0].x * steps[1].y - steps[0].y * steps[1].x;
-    const double reach = ASTRAY * (fabs(steps[0].y) + fabs(steps[1].y));
-    double least = ASTRAY;
+    const Step v = steps[0], w = steps[1];
+    const double per_det = 1.0 / (v.x * w.y - v.y * w.x);
+    const double reach = ASTRAY * (fabs(v.y) + fabs(w.y)), reach_x = ASTRAY * (fabs(v.x) + fabs(w.x));
+    double least = ASTRAY * ASTRAY;
     ptrdiff_t best = -1;
     for (ptrdiff_t k = first_below(blobs, count, y - reach); k < count && blobs[k].y <= y + reach; k++) {
         const double dx = blobs[k].x - x, dy = blobs[k].y - y;
-        const double a = (dx * steps[1].y - dy * steps[1].x) / det, b = (dy * steps[0].x - dx * steps[0].y) / det;
-        if (!(fabs(a) < least && fabs(b) < least) || !are_alike(blobs + k, own)) continue;
-        const double away = sqrt(a * a + b * b);
-        if (away < least) least = away, best = k;
+        if (fabs(dx) > reach_x || !are_alike(blobs + k, own)) continue;
+        const double a = (dx * w.y - dy * w.x) * per_det, b = (dy * v.x - dx * v.y) * per_det, away2 = a * a + b * b;
+        if (away2 < least) least = away2, best = k;
     }
     return best;
 }
