@@ -58,6 +58,7 @@ static LEDPI_INLINE float put_met(const Weighing *w, const Samples *s, int lane,
             for (int k = 0; k < 2; k++) own += (float)unknown[1 + k] * s->own[j][i][1 + k][lane];
             by[0] = w->asked->mean_light ? 0.0f : fminf(1.0f, fmaxf(-1.0f, own / fmaxf(light, 1e-12f)));
             by[FREE - 1] = by_gain;
+            for (int k = FREE; k < PADDED; k++) by[k] = 0.0f;
             met->shown += light * (1.0f + by[0]);
             bands += own;
         }
@@ -204,18 +205,17 @@ static LEDPI_SIMD double weigh_blocks(const Weighing *w, Work *work, Sums *sums)
     return left2 / fmax((double)sums->samples, 1.0);
 }
 
-/* `to` += `factor` × the columns. */
-static LEDPI_INLINE void add_columns(float factor, const float *columns, float *to) {
-    for (int column = 0; column < DENSE; column += LEDPI_WIDTH) *(Floats *)(to + column) += factor * *(const Floats *)(columns + column);
+/* `to` += `factor` × the columns, `count` of them. */
+static LEDPI_INLINE void add_columns(float factor, const float *columns, const int count, float *to) {
+    for (int column = 0; column < count; column += LEDPI_WIDTH) *(Floats *)(to + column) += factor * *(const Floats *)(columns + column);
 }
 
 static LEDPI_INLINE void add_met(const Weighing *w, const Met *met, const float *columns, Sums *sums) {
     for (int i = 0; i < met->count; i++)
         for (ptrdiff_t k = 0; k < w->free; k++) {
             const ptrdiff_t row = met->cell[i] * w->free + k;
-            add_columns(met->by[i][k], columns, sums->mixed[row]);
-            for (int j = 0; j < met->count; j++)
-                for (ptrdiff_t n = 0; n < w->free; n++) sums->own[row * w->frees + met->cell[j] * w->free + n] += met->by[i][k] * met->by[j][n];
+            add_columns(met->by[i][k], columns, DENSE, sums->mixed[row]);
+            for (int j = 0; j < met->count; j++) add_columns(met->by[i][k], met->by[j], PADDED, sums->own[row][met->cell[j]]);
         }
 }
 
@@ -228,7 +228,7 @@ static LEDPI_SIMD void put_shared(const Weighing *w, ptrdiff_t across, ptrdiff_t
             const Met *const met = &sums->met[j][i];
             if (!met->count) continue;
             shown2 += met->shown * met->shown;
-            add_columns(met->shown, sums->columns[j][i], shared);
+            add_columns(met->shown, sums->columns[j][i], DENSE, shared);
             for (int m = 0; m < met->count; m++)
                 for (ptrdiff_t k = 0; k < w->free; k++) shared[DENSE + met->cell[m] * w->free + k] += met->shown * met->by[m][k];
         }
@@ -241,7 +241,7 @@ static LEDPI_SIMD void put_shared(const Weighing *w, ptrdiff_t across, ptrdiff_t
 static LEDPI_SIMD void sum_up(const Weighing *w, Sums *sums) {
     memset(sums->common, 0, sizeof sums->common);
     memset(sums->mixed, 0, sizeof *sums->mixed * (size_t)w->frees);
-    memset(sums->own, 0, sizeof *sums->own * (size_t)(w->frees * w->frees));
+    memset(sums->own, 0, sizeof *sums->own * (size_t)w->frees);
     sums->places = 0;
     for (ptrdiff_t j = 0; j < w->fit.lines; j++) {
         ledpi_add_products(*sums->columns[j], w->fit.lines, DENSE, sums->common);
@@ -288,7 +288,7 @@ static double put_matrix(const Weighing *w, Sums *sums, double variance) {
         const ptrdiff_t at = place_of(w, e);
         for (ptrdiff_t f = e; f < frees; f++) {
             const ptrdiff_t to = place_of(w, f), row = at < to ? at : to, column = at < to ? to : at;
-            matrix[row * stride + column] = sums->own[e * frees + f] - sums->shared2[(DENSE + e) * width + DENSE + f];
+            matrix[row * stride + column] = sums->own[e][f / w->free][f % w->free] - sums->shared2[(DENSE + e) * width + DENSE + f];
         }
         matrix[at * stride + size] = sums->mixed[e][RESIDUAL] - sums->shared2[RESIDUAL * width + DENSE + e];
         if (!compared && e % w->free == 0) squares += add_prior(w, COMMON + OWN * (e / w->free), variance, at, matrix, &sums->fitted);

@@ -8,6 +8,7 @@ enum {
     MOST_EACH = LEDPI_MOST_EACH, LINES = MOST_EACH * MOST_CELLS, /* of the grid: along a cell, and in all */
     FREE = 5, MOST_FREE = FREE * MOST_CELLS * MOST_CELLS, /* of a cell: its gain, cosine and sine of either wave; of all */
     MOST_SUMS = DENSE + MOST_FREE, /* a multiple of LEDPI_WIDTH */
+    PADDED = 8, /* a cell's FREE, padded to whole vectors */
 };
 
 /* The cells that meet at a sample, its slopes by their FREE, and the light that they show there without bands; none where the
@@ -15,7 +16,7 @@ enum {
 typedef struct {
     int count;
     ptrdiff_t cell[4];
-    float by[4][FREE], shown;
+    float by[4][PADDED], shown;
 } Met;
 
 /* Sums over the grid: products of the samples' columns (COMMON, residual, padding) and the cells' FREE; and, at each place of a
@@ -24,7 +25,7 @@ typedef struct {
 typedef struct {
     float columns[LINES][LINES][DENSE], left[LINES][LINES], root[LINES][LINES], share[LINES][LINES][FREE];
     Met met[LINES][LINES];
-    float common[DENSE * DENSE], mixed[MOST_FREE][DENSE], own[MOST_FREE * MOST_FREE];
+    float common[DENSE * DENSE], mixed[MOST_FREE][DENSE], own[MOST_FREE][MOST_CELLS * MOST_CELLS][PADDED];
     float shared[MOST_EACH * MOST_EACH * MOST_SUMS], shared2[MOST_SUMS * MOST_SUMS];
     double matrix[MOST_SUMS * (MOST_SUMS + 1)], solution[MOST_SUMS];
     ptrdiff_t samples, places;

@@ -15,12 +15,11 @@ static const double FURTHEST_PX = 2.0;
 
 /* A triangular root of the normal equations of a cell's own FREE. */
 static void put_root(const Weighing *w, const Sums *sums, ptrdiff_t cell, double root[FREE][FREE]) {
-    const float *const own = sums->own + cell * w->free * (w->frees + 1);
     double trace = 0.0;
-    for (ptrdiff_t i = 0; i < w->free; i++) trace += own[i * (w->frees + 1)];
+    for (ptrdiff_t i = 0; i < w->free; i++) trace += sums->own[cell * w->free + i][cell][i];
     for (ptrdiff_t i = 0; i < w->free; i++)
         for (ptrdiff_t j = 0; j <= i; j++) {
-            double left = own[i * w->frees + j] + (i == j ? LEDPI_RIDGE * trace / (double)w->free + 1e-12 : 0.0);
+            double left = sums->own[cell * w->free + i][cell][j] + (i == j ? LEDPI_RIDGE * trace / (double)w->free + 1e-12 : 0.0);
             for (ptrdiff_t k = 0; k < j; k++) left -= root[i][k] * root[j][k];
             root[i][j] = i == j ? sqrt(fmax(left, 1e-12)) : left / root[j][j];
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from statistics import median
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from ledpi.decode.model.prior import GAP, RIM
 RIMS = np.array([RIM + 2, RIM + 1, RIM + 3, RIM])  # of the sides from one corner to the next: above, right, below, left
 # In cells, at either end of a side that something hides: its edge may lie aslant, which draws the lattice there.
 ASLANT = 0.06
+SIDES = np.arange(4)  # each from the corner of its number to the next
+BEFORE, NEXT, AFTER_NEXT = (SIDES + 3) % 4, (SIDES + 1) % 4, (SIDES + 2) % 4
 UNEVEN = 1.0 / math.sqrt(3.0)  # of a strip's width, at its ends: as anything between none and twice as much at one
 
 
@@ -22,13 +25,13 @@ def side_covariance(lattice_px: Floats, unknown: Floats, hidden: Floats, cells: 
     elsewhere, the fit may be wrong by as much, of each side, at each end, and of all sides together.
     """
     rims, is_hidden = unknown[RIMS], hidden > 0.0
-    usual = float(np.median(rims[~is_hidden]))
+    usual = median(rims[~is_hidden].tolist())
     built = min((0.0, 0.5 * float(unknown[GAP])), key=lambda rim: abs(usual - rim))
     apart = np.where(is_hidden, 0.0, rims - built)
     aslant = np.where(is_hidden, ASLANT, UNEVEN * apart)
     ends = np.zeros((2, 4, 4, 2))  # by a cell inwards at either end of a side: how its corners move
-    ends[0, range(4), range(4)] = (np.roll(lattice_px, 1, axis=0) - lattice_px) / cells
-    ends[1, range(4), np.arange(1, 5) % 4] = (np.roll(lattice_px, -2, axis=0) - np.roll(lattice_px, -1, axis=0)) / cells
+    ends[0, SIDES, SIDES] = (lattice_px[BEFORE] - lattice_px) / cells
+    ends[1, SIDES, NEXT] = (lattice_px[AFTER_NEXT] - lattice_px[NEXT]) / cells
     each = ends.reshape(2, 4, 8)
     sides = apart[:, None] * each.sum(axis=0)
     moved = np.vstack([sides, sides.sum(axis=0), *(aslant[:, None] * each)])
