@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -47,12 +47,12 @@ class Window:
         light = window.light
         inside = np.zeros(light.shape, np.uint8)
         cv2.fillConvexPoly(inside, np.round((corners_px - window.first) / window.shrink).astype(np.int32), 1)
-        own = light[inside > 0]
+        own = light[inside.view(np.bool_)]
         if not len(own):
             return None
         dark, bright = _quantile(light[::2, ::2].reshape(-1), DARK), _quantile(own, BRIGHT)
         dimmed = _quantile(own[:: max(1, len(own) // ENOUGH)], DARK)
-        return replace(window, dark=dark, bright=bright, dimmed=dimmed) if bright > dark else None
+        return cls(light, window.first, window.shrink, window.picture, dark, bright, dimmed) if bright > dark else None
 
     @classmethod
     def cut(cls, frame: Frame, corners_px: Floats, reach: float, shrink: int) -> Window | None:
