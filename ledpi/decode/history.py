@@ -84,6 +84,11 @@ class History(NamedTuple):
         search = self.search.add_frame(seen) if searched else self.search
         return self._replace(memories=further, search=search), list(added)
 
+    def begin_again(self, seen: Observation, *, searched: bool) -> History:
+        """With this frame alone, which decides by itself; `searched` as above."""
+        memories = tuple(PanelMemory(memory.spec).begin(seen) for memory in self.memories)
+        return self._replace(memories=memories, search=self.search.add_frame(seen) if searched else self.search)
+
     def enter(self, state: State, identity: Identity | None = None) -> History:
         """One frame later, in this state, where the panel was read once more as `identity` or not."""
         stays = identity is None and state is self.state

@@ -93,8 +93,14 @@ class Reader:
 
     def _add_frame(self, before: History, seen: Observation) -> tuple[History, Event]:
         """The history with one more frame, and what that frame says of the identity so far."""
-        now, added = before.add_frame(seen, self._weigher, searched=self._search_frequencies)
         last = before.last
+        if (
+            last is not None
+            and before.frames == 1
+            and is_deep(band_prior(seen.frame, before.memories[last.group].spec))
+        ):
+            return before.begin_again(seen, searched=self._search_frequencies), Event.ADDS_NOTHING
+        now, added = before.add_frame(seen, self._weigher, searched=self._search_frequencies)
         if last is None:
             return now, Event.ADDS
         newest, shown, memory = added[last.group], last.reading.cell_bands, now.memories[last.group]

@@ -12,15 +12,15 @@ from ledpi.decode.identify.decision import FALSE_ID_RATE
 from ledpi.decode.reader import Reader
 from ledpi.decode.states import READ_EVERY, State
 from ledpi.markers.dictionaries import load_dictionary
-from tests.builders.decode import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, reason, square, word
+from tests.builders.decode import FRAME_ROWS, ROW_TIME_US, SHORT_US, SPEC, TRUE_10_MS_US, Canvas, reason, square, word
 from tests.builders.samples import observed
 
 NEAR, FAR, FARTHER = (square(300.3, 200.6, side, 8.0) for side in (75, 36, 20))
 
 
-def panel_frame(seq: int, corners: Floats, marker_id: int = 7) -> Frame:
+def panel_frame(seq: int, corners: Floats, marker_id: int = 7, exposure_us: float = TRUE_10_MS_US) -> Frame:
     """Frame `seq` of a panel there."""
-    canvas = Canvas()
+    canvas = Canvas(exposure_us=exposure_us)
     canvas.panel(corners, word(marker_id), start_us=seq * FRAME_ROWS * ROW_TIME_US)
     return canvas.frame(seed=seq, seq=seq)
 
@@ -146,3 +146,16 @@ def test_a_panel_that_is_compared_by_fewer_samples_is_still_told_from_another(re
         history, _ = further(reader, history, panel_frame(seq, NEAR), NEAR)
     history, read = further(reader, history, panel_frame(12, NEAR, marker_id=23), NEAR)
     assert read_id(read) == 23
+
+
+def test_where_bands_are_deep_each_frame_is_read_by_itself() -> None:
+    """Once one was, the next are compared with nothing: here there is nothing to compare by."""
+    reader, history = Reader([CODEBOOK], None, FALSE_ID_RATE), History.empty((SPEC,))  # type: ignore[arg-type]
+    ids = []
+    for seq in range(4):
+        history, read = further(reader, history, panel_frame(seq, NEAR, exposure_us=SHORT_US), NEAR)
+        ids.append(read_id(read))
+    assert ids == [7] * 4
+    history, read = further(reader, history, panel_frame(4, NEAR, 12, exposure_us=SHORT_US), NEAR)
+    assert read_id(read) == 12
+    assert history.frames == 1
