@@ -59,7 +59,7 @@ static uint64_t bits_of(const uint8_t *lit, ptrdiff_t count) {
 
 /* Puts a row's runs. Returns how many. */
 static ptrdiff_t put_runs(const uint8_t *lit, ptrdiff_t width, BlobRun *runs) {
-    ptrdiff_t ends = 0; /* of runs so far: where one begins, or is over */
+    ptrdiff_t ends = 0; /* so far: where a run begins, or is over */
     uint64_t before = 0;
     for (ptrdiff_t x = 0; x < width; x += 64) {
         const uint64_t bits = bits_of(lit + x, width - x);

@@ -120,7 +120,7 @@ static bool is_in(const Nodes *n, const Part *part, ptrdiff_t k) {
     return true;
 }
 
-enum { PRODUCTS = 6 }; /* of u, v and 1: uu, uv, u, vv, v, 1 */
+enum { PRODUCTS = 6 }; /* uu, uv, u, vv, v, 1: those that u, v and 1 have */
 
 /* Adds up over a part's nodes these products, each times its weight and 1, x, y, x² + y² of where it is seen. */
 static void add_products(const Nodes *n, const Part *part, const double h[NUMBERS], double sums[4][PRODUCTS]) {
