@@ -275,7 +275,9 @@ def unplug() -> None:
 
 
 def _describe(name: str, what_it_shows: str, model: str) -> None:
-    VIRTUAL_YAML.write_text(
+    """Puts the file there whole: a daemon that looks for its camera just then would find none, and never again."""
+    written = VIRTUAL_YAML.with_suffix(".new")
+    written.write_text(
         f"""%YAML 1.1
 ---
 "{name}":
@@ -286,6 +288,7 @@ def _describe(name: str, what_it_shows: str, model: str) -> None:
   model: "{model}"
 """
     )
+    written.replace(VIRTUAL_YAML)
 
 
 def use(behaviour: Behaviour, replace: Callable[[Any, str, Any], None]) -> None:

@@ -75,6 +75,7 @@ def some_frames(lines: Lines, count: int) -> None:
         until(lines, "decoded")
 
 
+@pytest.mark.alone  # where others take the processor, live searches less than is needed to find a panel
 @pytest.mark.parametrize("settings", [(), (OFF,)])
 def test_two_seconds_are_recorded_as_the_tap_told_them(takes: Path, tmp_path: Path, settings: tuple[str, ...]) -> None:
     """Each frame, from the first on; with the last seconds kept beside, and without."""
