@@ -38,13 +38,13 @@ make_venv() {
     printf '%s\n' "$wanted" >"$venv/inputs"
 }
 
-# With pip's own progress on a terminal; a log gets a line. `compat`: the folder itself is on Python's path, where pyright
-# and editors find ledpi, too.
+# With pip's own progress on a terminal; a log gets a line. Python compiles what it imports, pip would compile a gigabyte.
+# `compat`: the folder itself is on Python's path, where pyright and editors find ledpi, too.
 install_into() {
     local venv=$1 extra=$2 quiet=()
     shift 2
     [[ -t 2 ]] || quiet=(--quiet)
     echo "$0: installing ${extra:+the $extra tools }into $venv (once; a minute or so)" >&2
-    "$venv/bin/pip" install "${quiet[@]}" --disable-pip-version-check "$@" \
+    "$venv/bin/pip" install "${quiet[@]}" --disable-pip-version-check --no-compile "$@" \
         --config-settings editable_mode=compat --editable ".${extra:+[$extra]}" >&2
 }

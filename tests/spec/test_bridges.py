@@ -178,15 +178,18 @@ def test_a_daemon_that_ends_and_comes_back_is_followed_again(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("trouble", ["vanish", "block"])
-def test_memory_stays_as_it_is_while_a_far_end_is_in_trouble(far: Far, running: Running, trouble: str) -> None:
-    """Half a minute at 50 frames a second would be some megabytes, were they kept."""
+def test_memory_stays_as_it_is_while_a_far_end_is_in_trouble(
+    far: Far, running: Running, daemon: MadeUpDaemon, trouble: str
+) -> None:
+    """More than a thousand frames would be some megabytes, were they kept."""
     if isinstance(far, Stdout) and trouble == "vanish":
         pytest.skip("a bridge ends with its pipe")
-    time.sleep(2.0)
+    shows(daemon, 100)
     far.vanish() if trouble == "vanish" else far.block()
-    time.sleep(5.0)
+    daemon.frame_s = 0.005  # a stand-in for a longer trouble
+    shows(daemon, 400)
     before = memory_kb(running.process.pid)
-    time.sleep(30.0)
+    shows(daemon, 1500)
     grown_kb = memory_kb(running.process.pid) - before
     if trouble == "vanish":
         far.start()

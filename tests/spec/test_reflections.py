@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ledpi.camera.simulated import SimulatedCamera
-from ledpi.core.records import PanelSpec, Pixels
+from ledpi.core.records import Frame, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.scene import Floor, Panel, Room, Scene, SimulatedSensor
@@ -37,11 +37,12 @@ def over_the_floor(dictionary: str, marker_id: int, exposure_us: float) -> Scene
 def read_ids(scene: Scene, *settings: str) -> list[tuple[int, bool]]:
     """The IDs that two frames show, by themselves and as a stream; and whether each is at the panel's place."""
     found = []
+    camera = SimulatedCamera(scene, seed=1, paced=False)
+    frames = [camera.read(np.empty((480, 640), np.uint8)) for _ in range(2)]
     for stream in (False, True):
-        camera = SimulatedCamera(scene, seed=1, paced=False, frames=2)
         path = Pipeline(camera.info, panel_settings(*settings), intrinsics=scene.sensor.intrinsics, stream=stream)
-        into: Pixels = np.empty((480, 640), np.uint8)
-        while (frame := camera.read(into)) is not None:
+        for frame in frames:
+            assert isinstance(frame, Frame)
             (truth,) = camera.truth(frame.seq)
             for marker in path.decode(frame).markers:
                 off_px = np.linalg.norm((marker.detection.corners_px - truth.corners_px).mean(axis=0))
@@ -75,11 +76,11 @@ def test_no_reflection_of_some_is_read(dictionary: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("exposure_us", [10_000.0, 150.0])
-@pytest.mark.parametrize("dictionary", DICTIONARIES)
-def test_no_reflection_is_read(dictionary: str, exposure_us: float) -> None:
-    """Tries any ID, at either regime of exposure."""
-    ids = list(range(len(load_dictionary(dictionary).codewords)))
+@pytest.mark.parametrize(("exposure_us", "first"), [(10_000.0, 0), (150.0, 1)])
+@pytest.mark.parametrize("dictionary", ["DICT_4X4_250", "DICT_5X5_100"])
+def test_no_reflection_is_read(dictionary: str, exposure_us: float, first: int) -> None:
+    """Tries every ID, each second one at either regime of exposure; DICT_4X4_50 is the beginning of DICT_4X4_250."""
+    ids = list(range(first, len(load_dictionary(dictionary).codewords), 2))
     missed, misread = missed_or_misread(dictionary, ids, exposure_us)
     assert misread == []
     assert len(missed) <= len(ids) / 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
@@ -26,9 +27,7 @@ DEMO_MB = 130
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 
 
-def slow(test: Any) -> Any:
-    """Builds packages and installs them; one at a time, as the tools and the emulated system are made once."""
-    return pytest.mark.slow(pytest.mark.alone(test))
+slow = pytest.mark.slow  # builds packages and installs them
 
 
 def run(*command: str | Path, path: str | None = None) -> str:
@@ -42,9 +41,16 @@ def run(*command: str | Path, path: str | None = None) -> str:
 
 @pytest.fixture(scope="session")
 def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The packages; twine and abi3audit have nothing against them, or scripts/wheels fails."""
-    folder = tmp_path_factory.mktemp("packages") / "dist"
-    run(ROOT / "scripts/wheels", folder)
+    """The packages, made once; twine and abi3audit have nothing against them, or scripts/wheels fails."""
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent  # of all workers
+    folder = shared / "dist"
+    with (shared / "dist.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (shared / "dist.whole").exists():
+            run(ROOT / "scripts/wheels", folder)
+            (shared / "dist.whole").touch()
     return folder
 
 

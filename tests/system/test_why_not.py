@@ -18,8 +18,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.alone]  # a daemon, and three comman
 TRIES = 4  # of `monitor`, for longer each time: on a busy machine a guess takes some seconds
 
 
-@pytest.fixture(scope="module", params=[*FAULTS, "nothing"])
+@pytest.fixture(scope="module", params=[*list(FAULTS)[::3], "nothing"])
 def fault(request: pytest.FixtureRequest) -> Fault:
+    """Takes each third; all of them: tests/unit/diagnosis/test_why_not.py."""
     return FAULTS.get(request.param, RIGHT)
 
 
