@@ -40,6 +40,8 @@ from tests.builders.daemon import (
 )
 from tests.builders.rewind import Stream, differences_once_settled, stream, without_times
 
+# Where others take the processor, live searches less, and what is kept begins long after the daemon.
+AS_LIVE = pytest.mark.alone
 LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 
 
@@ -92,7 +94,7 @@ def has_seen(line: Controller, markers: int) -> None:
     line.wait_for(lambda c: len(c.markers) >= markers)
 
 
-@pytest.mark.alone  # where others take the processor, live searches less than is needed to find a panel
+@AS_LIVE
 def test_sigusr1_saves_what_was_live(takes: Path) -> None:
     """Twice: the first decodes as it did live from its first frame on, as the daemon had; the second after a second."""
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
@@ -113,6 +115,7 @@ def test_sigusr1_saves_what_was_live(takes: Path) -> None:
     assert None not in budgets
 
 
+@AS_LIVE
 def test_a_daemon_that_is_killed_leaves_a_recording(takes: Path) -> None:
     """Decodes what is written by then as it did live; its name says that it is a part."""
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
@@ -175,6 +178,7 @@ def test_where_the_system_has_no_memory_for_it_poses_go_on(takes: Path) -> None:
     assert not takes.exists()
 
 
+@AS_LIVE
 def test_ledpi_rewind_asks_the_running_daemon(takes: Path, tmp_path: Path) -> None:
     """It copies the recording, or says where it is; a folder that holds something is refused before that."""
     socket = tmp_path / "tap"
