@@ -47,6 +47,7 @@ class History(NamedTuple):
     frames_in_state: int = 0  # with the one that led to it, or since the last one that was read
     last: Identity | None = None  # what they were read as
     search: FrequencySearch = FrequencySearch()
+    alone: bool = False  # the newest was read by itself, in deep bands, and added nothing to those before
 
     @classmethod
     def empty(cls, specs: Sequence[PanelSpec]) -> History:

@@ -70,8 +70,24 @@ class Reader:
         self._search_frequencies = search_frequencies
 
     def read(self, before: History, seen: Observation) -> Outcome:
-        """The codeword after this frame, or the reason why there is none."""
-        now, event = self._add_frame(before, seen)
+        """The codeword after this frame, or the reason why there is none.
+
+        Where bands are deep, what was read by itself, as it added nothing to the frames before, is followed by frames
+        that are read by themselves: they are compared only where they show no codeword.
+        """
+        if before.alone:
+            begun = before.begin_again(seen, searched=self._search_frequencies)
+            outcome = self._answer(before, begun, Event.ADDS_NOTHING)
+            if isinstance(outcome.identity, Identity):
+                return outcome._replace(history=outcome.history._replace(alone=True))
+        outcome = self._answer(before, *self._add_frame(before, seen))
+        found, alone = outcome.identity, False
+        if isinstance(found, Identity) and outcome.event is Event.ADDS_NOTHING:
+            alone = is_deep(band_prior(seen.frame, outcome.history.memories[found.group].spec))
+        return outcome._replace(history=outcome.history._replace(alone=alone))
+
+    def _answer(self, before: History, now: History, event: Event) -> Outcome:
+        """The codeword that is in these frames, by what the newest of them was found to show."""
         rule = rule_of(before.state, event, before.frames_in_state)
         if not rule.asks and before.last is not None:
             return Outcome(history=now.enter(before.state), identity=before.last, event=event)
@@ -94,12 +110,6 @@ class Reader:
     def _add_frame(self, before: History, seen: Observation) -> tuple[History, Event]:
         """The history with one more frame, and what that frame says of the identity so far."""
         last = before.last
-        if (
-            last is not None
-            and before.frames == 1
-            and is_deep(band_prior(seen.frame, before.memories[last.group].spec))
-        ):
-            return before.begin_again(seen, searched=self._search_frequencies), Event.ADDS_NOTHING
         now, added = before.add_frame(seen, self._weigher, searched=self._search_frequencies)
         if last is None:
             return now, Event.ADDS
