@@ -26,7 +26,7 @@ from benchmarks.endurance.sanitized import FLAGS, ROOT, build, check_it_sees, en
 
 PICTURES, RECORDINGS = "benchmarks.endurance.hostile_frames", "benchmarks.endurance.hostile_recordings"
 GRACE_S = 300  # for what was begun when the time was over
-SHORT_S, SHORT_SCENES, SHORT_RECORDINGS = 100, 44, 200
+SHORT_S, SHORT_SCENES, SHORT_RECORDINGS = 100, 12, 80
 
 
 @dataclass(frozen=True)
