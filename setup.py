@@ -1,15 +1,41 @@
 """Builds the compiled core (build_core.py). Everything else that setuptools asks is in pyproject.toml."""
 
 import os
+import runpy
+import shutil
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 from setuptools import setup
 from setuptools.command.build_ext import build_ext
 
+HERE = Path(__file__).resolve().parent
+OTHER_BUILDS = {"CC", "CFLAGS", "LDFLAGS", "_PYTHON_HOST_PLATFORM"}  # who sets one wants a core of that kind
+
 
 class BuildOnAllCores(build_ext):
-    """Compiles the core's C files side by side; setuptools takes one after the other."""
+    """Compiles the core's C files side by side; setuptools takes one after the other.
+
+    A core in the source tree that is of these very sources and flags is taken as it is: it serves every interpreter.
+    """
+
+    taken = False  # the core is the source tree's own
+
+    def build_extension(self, ext: Any) -> None:
+        built = HERE / self.get_ext_filename(ext.name)
+        if not OTHER_BUILDS & os.environ.keys() and is_fresh(built):
+            target = Path(self.get_ext_fullpath(ext.name))
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if target.resolve() != built:
+                shutil.copy2(built, target)
+            self.taken = True
+            return
+        super().build_extension(ext)
+
+    def copy_extensions_to_source(self) -> None:
+        if not self.taken:  # a process may have it mapped
+            super().copy_extensions_to_source()
 
     def build_extensions(self) -> None:
         one_by_one = self.compiler.compile
@@ -21,6 +47,17 @@ class BuildOnAllCores(build_ext):
 
         self.compiler.compile = side_by_side
         super().build_extensions()
+
+
+def is_fresh(built: Path) -> bool:
+    """Asks whether that core was made from the sources beside it (build_core.py compiles their digest in)."""
+    digest = runpy.run_path(str(HERE / "build_core.py"))["DIGEST"]
+    makers = [HERE / "build_core.py", HERE / "setup.py"]
+    return (
+        built.exists()
+        and built.stat().st_mtime > max(path.stat().st_mtime for path in makers)
+        and digest.encode() in built.read_bytes()
+    )
 
 
 setup(
