@@ -131,11 +131,14 @@ def set_values(
     from ledpi.tools.calibrate.config_file import change_config, check_changeable
 
     file = found_config(config)
-    if mistakes := mistakes_in(file, items, with_files=False):
-        raise ConfigError("; ".join(mistakes))
     check_changeable(file)
     changes = _changes(items)
-    kept = change_config(file, changes)
+
+    def check() -> None:
+        if mistakes := mistakes_in(file, items, with_files=False):
+            raise ConfigError("; ".join(mistakes))
+
+    kept = change_config(file, changes, check)
     for key, value in changes.items():
         typer.echo(f"{file}: {'.'.join(map(str, key))}: {_text(value)}")
     typer.echo(f"The older file is {kept}.")

@@ -7,12 +7,15 @@ is wrong with one is one line with its name. What is written survives a power cu
 from __future__ import annotations
 
 import errno
+import fcntl
+import glob
 import os
 import re
 import secrets
 import stat
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -92,17 +95,20 @@ def _check_regular(status: os.stat_result) -> None:
         raise OSError(errno.EINVAL, "is a pipe, a device or the like; must be a regular file")
 
 
-def write_beside(path: Path, content: bytes) -> Path:
+def write_beside(path: Path, content: bytes, *, like: os.stat_result | None = None, mode: int = 0o666) -> Path:
     """Writes a new file in `path`'s folder, for `put_in_place`. It is on the disk on return, and not in memory alone:
     else a power cut could leave the name with nothing behind it. Raises OSError, and leaves nothing then.
 
+    `like`: the file whose owner, group and mode it has, before it holds anything; else `mode`, less the umask.
     Its own name is one that nobody foresees, and it must be new: else another user of the folder could have put a link
     there, and who calibrates as root would overwrite whatever it leads to.
     """
-    fresh = path.with_name(f".{secrets.token_hex(8)}.new")
+    fresh = path.with_name(f".{path.name}.{secrets.token_hex(8)}.new")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-    with open(os.open(fresh, flags, 0o666), "wb") as file:
+    with open(os.open(fresh, flags, 0o600 if like is not None else mode), "wb") as file:
         try:
+            if like is not None:
+                _make_alike(file.fileno(), like)
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
@@ -110,6 +116,57 @@ def write_beside(path: Path, content: bytes) -> Path:
             fresh.unlink(missing_ok=True)
             raise
     return fresh
+
+
+def _make_alike(descriptor: int, like: os.stat_result) -> None:
+    own = os.fstat(descriptor)
+    if (own.st_uid, own.st_gid) != (like.st_uid, like.st_gid):
+        try:
+            os.fchown(descriptor, like.st_uid, like.st_gid)
+        except PermissionError:
+            raise PermissionError(errno.EPERM, "belongs to another user, and must stay theirs; use sudo") from None
+    os.fchmod(descriptor, stat.S_IMODE(like.st_mode))
+
+
+def remove_unfinished(path: Path) -> None:
+    """Removes what writers of `path` that were killed have left beside it. Only who has the folder's lock may."""
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.new"):
+        if re.fullmatch(r"[0-9a-f]{16}", left.name.split(".")[-2]):
+            with suppress(OSError):
+                left.unlink()
+
+
+@contextmanager
+def locked(folder: Path, wait_s: float = 30.0) -> Iterator[None]:
+    """Holds a folder, so that of two who change a file in it the second one sees what the first one wrote.
+
+    Raises OSError where another one holds it for longer than that. A folder that cannot be locked is not: of another
+    user, who may write in it and not read it, or on a network file system that has no locks.
+    """
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:
+        yield
+        return
+    try:
+        _lock(descriptor, wait_s)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, wait_s: float) -> None:
+    until = time.monotonic() + wait_s
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if time.monotonic() > until:
+                raise OSError(errno.EBUSY, "another program is changing files in this folder") from None
+            time.sleep(0.01)
+        except OSError:
+            return
 
 
 def put_in_place(fresh: Path, path: Path) -> None:

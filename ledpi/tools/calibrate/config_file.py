@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import copy
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ledpi.core.errors import CalibrationError
-from ledpi.core.files import read_text
-from ledpi.tools.calibrate.files import check_writable, write_keeping_old
+from ledpi.core.files import parse_yaml, read_text
+from ledpi.tools.calibrate.files import changing, check_writable, write_locked
 
 Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
 
@@ -22,20 +19,23 @@ def check_changeable(*files: Path) -> None:
     check_writable(*files)
 
 
-def change_config(path: Path, changes: Mapping[Key, Any]) -> Path | None:
+def change_config(path: Path, changes: Mapping[Key, Any], check: Callable[[], None] = lambda: None) -> Path | None:
     """Sets keys of a YAML file, and makes sections that are missing. Returns the file in which the older one is kept.
 
-    Raises CalibrationError where the file cannot be changed without losing something.
+    `check` may refuse the change; nobody else changes the file between that and the writing. Raises CalibrationError
+    where the file cannot be changed without losing something.
     """
-    text = read_text(path, CalibrationError)
-    changed = changed_yaml(text, changes)
-    wanted = copy.deepcopy(yaml.safe_load(text))
-    for key, value in changes.items():
-        _set(wanted, key, value)
-    if yaml.safe_load(changed) != wanted:
-        named = ", ".join(".".join(map(str, key)) + f": {value}" for key, value in changes.items())
-        raise CalibrationError(f"{path}: cannot be changed without touching other keys; set by hand: {named}")
-    return write_keeping_old(path, changed)
+    with changing(path):
+        check()
+        text = read_text(path, CalibrationError)
+        changed = changed_yaml(text, changes)
+        wanted = parse_yaml(text, path, CalibrationError) or {}
+        for key, value in changes.items():
+            _set(wanted, key, value)
+        if parse_yaml(changed, path, CalibrationError) != wanted:
+            named = ", ".join(".".join(map(str, key)) + f": {value}" for key, value in changes.items())
+            raise CalibrationError(f"{path}: cannot be changed without touching other keys; set by hand: {named}")
+        return write_locked(path, changed)
 
 
 def changed_yaml(text: str, changes: Mapping[Key, Any]) -> str:

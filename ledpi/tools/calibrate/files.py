@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import glob
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from ledpi.core.errors import CalibrationError, LedpiError
-from ledpi.core.files import not_written, put_in_place, read_bytes, sync_folder, write_beside
+from ledpi.core.files import (
+    locked,
+    not_written,
+    put_in_place,
+    read_bytes,
+    remove_unfinished,
+    sync_folder,
+    write_beside,
+)
 
 PICTURE_SUFFIX = ".png"
 MAX_KEPT_BYTES = 64 * 1024 * 1024  # of an older file that is copied: a picture
-# Said by FAT, by network file systems, and of other users' files (fs.protected_hardlinks).
-_NO_SECOND_NAME = (errno.EPERM, errno.EOPNOTSUPP, errno.EMLINK)
+MOST_KEPT = 5  # older files: enough to undo an afternoon
+# Said by FAT, by network file systems, of other users' files (fs.protected_hardlinks), and of a file on another disk.
+_NO_SECOND_NAME = (errno.EPERM, errno.EOPNOTSUPP, errno.EMLINK, errno.EXDEV)
 
 
 def check_with_picture(path: Path) -> None:
@@ -31,7 +42,7 @@ def check_writable(*files: Path) -> None:
     for file in files:
         _check_is_file(file)
         try:
-            write_beside(file, b"").unlink()
+            write_beside(followed(file), b"").unlink(missing_ok=True)
         except OSError as error:
             raise _refused(file, error) from None
 
@@ -41,27 +52,56 @@ def picture_beside(path: Path) -> Path:
     return path.with_suffix(PICTURE_SUFFIX)
 
 
-def write_keeping_old(path: Path, content: str | bytes, *, mode: int | None = None) -> Path | None:
+def write_keeping_old(path: Path, content: str | bytes, *, mode: int = 0o666) -> Path | None:
     """Writes `content`, text as UTF-8. A file that is already there is kept beside it as NAME.bak-1, -2, …
 
-    At every moment `path` is whole, the older file or the new one, whenever the power is cut. Returns the kept file, if
-    there was one. `mode`: its permissions, if not the usual ones. Raises CalibrationError where `path` cannot be
-    written; the older file is then untouched.
+    The last five are kept. At every moment `path` is whole, the older file or the new one, whenever the power is cut.
+    Owner, group and mode are the older file's, and of a link the file to which it leads is replaced. Returns the kept
+    file, if there was an older one. `mode`: that of a new file, less the umask. Raises CalibrationError where `path`
+    cannot be written; the older file is then untouched.
     """
+    with changing(path):
+        return write_locked(path, content, mode=mode)
+
+
+@contextlib.contextmanager
+def changing(path: Path) -> Iterator[None]:
+    """Lets nobody else change `path`, who asks, too. Raises CalibrationError where somebody does for long."""
+    with contextlib.ExitStack() as held:
+        try:
+            held.enter_context(locked(followed(path).parent))
+        except OSError as error:
+            raise _refused(path, error) from None
+        yield
+
+
+def write_locked(path: Path, content: str | bytes, *, mode: int = 0o666) -> Path | None:
+    """As `write_keeping_old`, within `changing(path)`."""
     _check_is_file(path)
+    real = followed(path)
     fresh = None
     try:
-        fresh = write_beside(path, content.encode() if isinstance(content, str) else content)
-        if mode is not None:
-            fresh.chmod(mode)
-        kept = _keep(path) if path.exists() else None
-        put_in_place(fresh, path)
+        remove_unfinished(real)
+        older = real.lstat() if real.is_file() and not real.is_symlink() else None
+        data = content.encode() if isinstance(content, str) else content
+        fresh = write_beside(real, data, like=older, mode=mode)
+        kept = _keep(real, path) if real.exists() else None
+        put_in_place(fresh, real)
     except OSError as error:
         raise _refused(path, error) from None
     finally:
         if fresh is not None:
             _forget(fresh)
     return kept
+
+
+def followed(path: Path) -> Path:
+    """The file to which a link leads that root or we have made; another user's link in a shared folder is replaced."""
+    for _ in range(40):  # as many as the kernel follows
+        if not path.is_symlink() or path.lstat().st_uid not in (0, os.geteuid()):
+            break
+        path = path.parent / path.readlink()
+    return path
 
 
 def _check_is_file(path: Path) -> None:
@@ -79,22 +119,31 @@ def _forget(fresh: Path) -> None:
         fresh.unlink(missing_ok=True)
 
 
-def _keep(path: Path) -> Path:
-    """Gives the file a second name, NAME.bak-1, -2, …; a copy has it where a file may have no second one."""
-    number = 1
-    while True:
-        kept = path.with_name(f"{path.name}.bak-{number}")
-        try:
-            os.link(path, kept, follow_symlinks=False)
-            break
-        except FileExistsError:
-            number += 1
-        except OSError as error:
-            if error.errno not in _NO_SECOND_NAME:
-                raise
-            if not os.path.lexists(kept):
-                write_beside(kept, read_bytes(path, CalibrationError, MAX_KEPT_BYTES)).rename(kept)
-                break
-            number += 1
+def _keep(real: Path, path: Path) -> Path:
+    """Gives the file a second name beside `path`, NAME.bak-1, -2, …; a copy has it where a file may have no second one.
+
+    Of those that were kept before the last ones stay.
+    """
+    earlier = sorted(_kept_numbers(path))
+    kept = _kept_name(path, earlier[-1] + 1 if earlier else 1)
+    try:
+        os.link(real, kept, follow_symlinks=False)
+    except OSError as error:
+        if error.errno not in _NO_SECOND_NAME:
+            raise
+        write_beside(kept, read_bytes(real, CalibrationError, MAX_KEPT_BYTES), like=real.lstat()).rename(kept)
+    for number in earlier[: -MOST_KEPT + 1]:
+        _forget(_kept_name(path, number))
     sync_folder(path.parent)
     return kept
+
+
+def _kept_name(path: Path, number: int) -> Path:
+    return path.with_name(f"{path.name}.bak-{number}")
+
+
+def _kept_numbers(path: Path) -> Iterator[int]:
+    for kept in path.parent.glob(f"{glob.escape(path.name)}.bak-*"):
+        number = kept.name.rpartition("-")[2]
+        if number.isascii() and number.isdigit() and len(number) < 10:
+            yield int(number)

@@ -104,7 +104,7 @@ def test_a_file_may_be_just_as_large_as_is_allowed(tmp_path: Path) -> None:
 def test_what_is_written_is_new(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lies_there: str) -> None:
     """Though somebody has foreseen its name, and put a file or a link there: what that leads to stays as it is."""
     monkeypatch.setattr("secrets.token_hex", lambda count: "foreseen")
-    secret, fresh = tmp_path / "secret", tmp_path / ".foreseen.new"
+    secret, fresh = tmp_path / "secret", tmp_path / ".camera.yaml.foreseen.new"
     secret.write_text("root's own")
     fresh.symlink_to(secret) if lies_there == "link" else fresh.hardlink_to(secret)
     with pytest.raises(FileExistsError):
