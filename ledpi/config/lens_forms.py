@@ -191,6 +191,8 @@ def _flat(value: Any) -> Any:
     """A matrix's numbers, however it is nested."""
     if isinstance(value, dict) and "data" in value:
         value = value["data"]
+    if isinstance(value, list):  # some write them without commas, which is one text to YAML
+        value = [_numbers(part) if isinstance(part, str) else part for part in value]
     if isinstance(value, list) and any(isinstance(part, list) for part in value):
         return [number for part in value for number in (part if isinstance(part, list) else [part])]
     return [] if value in ("", None) else value

@@ -61,6 +61,7 @@ class _PlainYaml(yaml.SafeLoader):
         for key_node, _ in node.value:
             if isinstance(key_node, yaml.ScalarNode) and key_node.value != "<<":  # what that merges in may be overruled
                 key = self.construct_object(key_node)
+                key = str(key) if isinstance(key, int) else key  # an ID is the same ID in quotes
                 if key in seen:
                     where = f"line {key_node.start_mark.line + 1}"
                     raise _RepeatedKeyError(f"{where}: {shortened_name(key)} is there twice; each key once")
@@ -68,10 +69,26 @@ class _PlainYaml(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-# Numbers as YAML 1.2, JSON and most programs write them: 3e-05. PyYAML, which reads 1.1, would take them for text.
-_PlainYaml.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
-)
+# Numbers as YAML 1.2, JSON and people write them. To PyYAML (1.1) 010 is eight, 20:50 is 1250, and 3e-05 is text.
+_NUMBERS = {
+    "tag:yaml.org,2002:int": r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+",
+    "tag:yaml.org,2002:float": r"[-+]?([0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))([eE][-+]?[0-9]+)?"
+    r"|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+}
+_PlainYaml.yaml_implicit_resolvers = {
+    first: [(tag, form) for tag, form in forms if tag not in _NUMBERS]
+    for first, forms in _PlainYaml.yaml_implicit_resolvers.items()
+}
+for _tag, _form in _NUMBERS.items():
+    _PlainYaml.add_implicit_resolver(_tag, re.compile(f"(?:{_form})$"), list("-+.0123456789"))
+
+
+def _whole_number(loader: _PlainYaml, node: yaml.ScalarNode) -> int:
+    text = loader.construct_scalar(node)
+    return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
+
+
+_PlainYaml.add_constructor("tag:yaml.org,2002:int", _whole_number)
 
 
 def read_bytes(path: Path, error: type[LedpiError], at_most: int = MAX_TEXT_BYTES) -> bytes:

@@ -154,6 +154,7 @@ FORMS = {
         f"D: !!opencv-nd-matrix\n   sizes: [ 5 ]\n   dt: d\n   data: [ {D} ]\n",
         LENS,
     ),
+    "OpenCV, YAML without commas": (opencv(K.replace(", 0,", ", 0.,"), D.replace(",", " ")), LENS),
     "OpenCV, XML": (XML, LENS),
     "OpenCV, fisheye": (opencv(FISHEYE_K, FISHEYE_D, "fisheye_model: 1\n"), FISHEYE),
     "OpenCV, no fisheye": (opencv(K, D.rpartition(",")[0], "fisheye_model: 0\n"), None),

@@ -33,15 +33,22 @@ def test_a_key_given_twice_is_named_at_any_depth(tmp_path: Path) -> None:
         read_yaml(file, ConfigError)
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [("3e-05", 3e-5), ("-1.5E3", -1500.0), ("2.e+2", 200.0), (".5e1", 5.0), ("7e", "7e"), ("e5", "e5")],
-)
-def test_powers_of_ten_are_numbers(tmp_path: Path, text: str, value: float | str) -> None:
-    """As JSON and Python's repr write a small coefficient of a lens; what is not quite one stays text."""
+@pytest.mark.parametrize("key", ["7", '"7"', "007"])
+def test_an_id_is_the_same_in_quotes(tmp_path: Path, key: str) -> None:
+    """Of a panel's two places neither must win."""
     file = tmp_path / "x.yaml"
-    file.write_text(f"a: [0.1, {text}]\n")
-    assert read_yaml(file, ConfigError) == {"a": [0.1, value]}
+    file.write_text(f"7: 1\n{key}: 2\n")
+    with pytest.raises(ConfigError, match=r"x\.yaml: line 2: 7 is there twice"):
+        read_yaml(file, ConfigError)
+
+
+def test_numbers_are_what_people_read(tmp_path: Path) -> None:
+    """As in YAML 1.2: zeros ahead of an ID mean nothing, no colon makes hours, 3e-05 is small."""
+    file = tmp_path / "x.yaml"
+    numbers = {"007": 7, "010": 10, "-08": -8, "0x1F": 31, "3e-05": 3e-5, "-1.5E3": -1500.0, "2.e+2": 200.0}
+    texts = {"20:50": "20:50", "1_000": "1_000", "7e": "7e", "e5": "e5", "+": "+"}
+    file.write_text(f"a: [{', '.join([*numbers, *texts])}]\n")
+    assert read_yaml(file, ConfigError) == {"a": [*numbers.values(), *texts.values()]}
 
 
 @pytest.mark.parametrize("text", ["a: &usual {b: 1}\nd:\n  <<: *usual\n", "a: &b [1]\nc: [*b, *b]\n", "a: &b [*b]\n"])
