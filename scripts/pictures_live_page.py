@@ -11,7 +11,8 @@ from typing import Any
 
 from PIL import Image
 
-from tests.builders.view import PHONE, browser, ended, start_daemon, start_still_daemon, view, wait_for
+from tests.builders.view import PHONE, browser, ended, start_daemon, start_still_daemon, view
+from tests.builders.waiting import wait_until
 
 SHOW_S = 14.0  # of the drive, for a track and some points in the charts
 
@@ -31,7 +32,7 @@ def draw(into: Path) -> None:
         with ended(start_still_daemon(folder, "swapped")), view(folder) as page, browser((1280, 1010)) as chromium:
             shoot(chromium, page.address, "light", 0.0, panels=1)
             chromium.execute_script("document.querySelector('input[value=whynot]').click()")
-            wait_for(lambda: "swapped" in chromium.find_element("id", "reasons").text, "the reason")
+            wait_until(lambda: "swapped" in chromium.find_element("id", "reasons").text, "the reason")
             write(into / "view-why-not.png", shot(chromium))
 
 
@@ -40,10 +41,10 @@ def shoot(chromium: Any, address: str, colours: str, seconds: float, *, panels: 
     features = [{"name": "prefers-color-scheme", "value": colours}]
     chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
     chromium.get(address)
-    wait_for(lambda: chromium.execute_script("return document.querySelector('.panel') !== null"), "a panel")
+    wait_until(lambda: chromium.execute_script("return document.querySelector('.panel') !== null"), "a panel")
     time.sleep(seconds)
     count = "return document.querySelectorAll('polygon.panel').length"
-    wait_for(lambda: chromium.execute_script(count) >= panels, "panels")
+    wait_until(lambda: chromium.execute_script(count) >= panels, "panels")
     return shot(chromium)
 
 

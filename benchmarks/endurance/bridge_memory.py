@@ -28,7 +28,7 @@ import numpy as np
 from benchmarks import table
 from tests.builders.bridges import Far, Nt, Secure, Tcp, Udp, Zenoh, bridge, secrets
 from tests.builders.daemon import SIMULATED, daemon
-from tests.builders.tap import wait_until
+from tests.builders.waiting import wait_until
 
 EACH_S = 10.0
 WARM_UP_SHARE = 0.05  # three minutes of an hour
@@ -87,7 +87,7 @@ def far_end(kind: type[Far], folder: Path) -> Far:
 def started(stack: ExitStack, folder: Path) -> tuple[dict[str, int], list[Troubled]]:
     """Starts the daemon and all bridges. Returns the numbers of their processes, and the far ends to trouble."""
     settings = (*SIMULATED, "serial.port=null", f"tap.socket={folder}/tap.sock")
-    run = stack.enter_context(daemon(*settings, deadline_s=1e6))
+    run = stack.enter_context(daemon(*settings, life_s=1e6))
     assert run.stderr is not None
     stack.callback(subprocess.Popen(["cat"], stdin=run.stderr, stdout=subprocess.DEVNULL).kill)
     pids, troubled = {"daemon": run.pid}, []

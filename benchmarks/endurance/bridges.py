@@ -29,7 +29,7 @@ from benchmarks import ROOT, table
 from benchmarks.speed.arm import with_table
 from tests.builders.bridges import Far, Nt, Secure, bridge, secrets
 from tests.builders.made_up_daemon import MadeUpDaemon
-from tests.builders.tap import wait_until
+from tests.builders.waiting import wait_until
 
 FRAME_S = 1 / 60
 AWAY_S = 5.0

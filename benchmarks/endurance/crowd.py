@@ -108,7 +108,7 @@ def judge(warm_up: float, minutes: float, clients: int, allow_mib: float) -> lis
             *settings,
             f"rewind.memory_mb={RING_MB}",
             options=("--frames", "100000000"),
-            deadline_s=60 * (warm_up + minutes) + 300,
+            life_s=60 * (warm_up + minutes) + 300,
         )
         process = stack.enter_context(started)
         reach(tap).close()

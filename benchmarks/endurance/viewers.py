@@ -22,7 +22,8 @@ from pathlib import Path
 from benchmarks import ROOT
 from ledpi.view.connections import MOST
 from tests.builders.made_up_daemon import LARGE, MadeUpDaemon
-from tests.builders.view import view, wait_for, watched
+from tests.builders.view import view, watched
+from tests.builders.waiting import wait_until
 
 PAUSE_S = 0.1  # between two pictures of a viewer: with fifty, more than a processor can send
 TOLD_S = 60.0  # between two lines that are printed on the way
@@ -41,7 +42,7 @@ def judge(warm_up: float, minutes: float, viewers: int, allow_mib: float) -> lis
     with tempfile.TemporaryDirectory() as name:
         daemon = MadeUpDaemon(Path(name) / "tap.sock", hello=LARGE)
         with view(Path(name)) as page:
-            wait_for(lambda: page.ask("/api/state")["link"]["state"] == "up", "the daemon")
+            wait_until(lambda: page.ask("/api/state")["link"]["state"] == "up", "the daemon")
             got: list[int] = []
             seconds = 60 * (warm_up + minutes)
             crowd = threading.Thread(target=lambda: got.extend(watched(page, viewers, seconds, PAUSE_S)))

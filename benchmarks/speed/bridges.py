@@ -28,8 +28,8 @@ from benchmarks.speed.latency import WARM_UP, latencies_ms, recording_in_memory
 from benchmarks.speed.viewers import scheduled
 from ledpi.core.records import Floats
 from tests.builders.bridges import MOSQUITTO, Far, Mqtt, Tcp, bridge
-from tests.builders.daemon import COMMAND, DEADLINE_S, Controller, controller, daemon
-from tests.builders.tap import wait_until
+from tests.builders.daemon import COMMAND, LIFE_S, Controller, controller, daemon
+from tests.builders.waiting import wait_until
 
 AS_UNIT = ["nice", "-n", "5"]  # ledpi-bridge@.service
 SETTLE_S = 1.0  # after bridges have come or gone
@@ -101,9 +101,9 @@ def measured(turns: int, seconds: float) -> list[tuple[Floats, Floats]]:
     with tempfile.TemporaryDirectory() as name, recording_in_memory() as take, controller() as line:
         folder = Path(name)
         settings = (f"camera.source=recording:{take}", f"serial.port={line.port}", f"tap.socket={folder}/tap.sock")
-        deadline_s = (turns + 1) * (DEADLINE_S + 2 * seconds)
+        life_s = (turns + 1) * (LIFE_S + 2 * seconds)
         options, command = ("--frames", "1000000"), [*of_daemon, *COMMAND]
-        with daemon(*settings, options=options, command=command, deadline_s=deadline_s):
+        with daemon(*settings, options=options, command=command, life_s=life_s):
             line.wait_for(lambda c: len(c.markers) > WARM_UP)
             for number in range(turns):
                 without = phase(line, take, seconds)

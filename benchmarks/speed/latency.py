@@ -27,7 +27,7 @@ import numpy as np
 from ledpi.core.records import Floats
 from ledpi.recording.reader import load_recording
 from ledpi.wire import MarkerMessage
-from tests.builders.daemon import DEADLINE_S, controller, daemon, end, write_recording
+from tests.builders.daemon import LIFE_S, controller, daemon, end, write_recording
 
 IN_MEMORY = Path("/dev/shm")  # where there is such a thing
 CENTRE_ROW = 239.5  # of the panel, and of the picture
@@ -84,7 +84,7 @@ def measure(seconds: float, *, frames: int = FRAMES, warm_up: int = WARM_UP, cen
     """Runs the daemon for so long after `warm_up` packets, with a receiver that reads all at once."""
     with recording_in_memory(frames) as take, controller() as line:
         settings = (f"camera.source=recording:{take}", f"serial.port={line.port}")
-        with daemon(*settings, options=("--frames", "1000000"), deadline_s=DEADLINE_S + seconds) as process:
+        with daemon(*settings, options=("--frames", "1000000"), life_s=LIFE_S + seconds) as process:
             line.wait_for(lambda c: len(c.markers) > warm_up)
             first = len(line.markers)
             time.sleep(seconds)

@@ -30,8 +30,9 @@ import numpy as np
 
 from benchmarks.speed.latency import WARM_UP, latencies_ms, recording_in_memory
 from ledpi.core.records import Floats
-from tests.builders.daemon import COMMAND, DEADLINE_S, controller, daemon
-from tests.builders.view import CHROMIUM, DRIVER, Page, browser, view, wait_for
+from tests.builders.daemon import COMMAND, LIFE_S, controller, daemon
+from tests.builders.view import CHROMIUM, DRIVER, Page, browser, view
+from tests.builders.waiting import wait_until
 
 RING_MB, MORE_MB = 64, 10  # of the last seconds, and besides
 LATE_MS = 250.0
@@ -74,7 +75,7 @@ def turn(take: Path, seconds: float, *, watched: bool) -> Turn:
             *settings,
             options=("--frames", "1000000"),
             command=[*of_daemon, *COMMAND],
-            deadline_s=2 * DEADLINE_S + seconds,
+            life_s=LIFE_S + seconds,
         )
         process = stack.enter_context(started)
         pages = _Pages()
@@ -168,7 +169,7 @@ def ages_ms(seconds: float) -> Floats:
     ages: dict[str, float] = {}
     with _watched_daemon() as page, browser() as chromium:
         chromium.get(page.address)
-        wait_for(lambda: chromium.execute_script(read)[1], "a picture")
+        wait_until(lambda: chromium.execute_script(read)[1], "a picture")
         time.sleep(5.0)  # until all is loaded, and clocks are compared
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
@@ -186,7 +187,7 @@ def _watched_daemon() -> Iterator[Page]:
         options = ("--frames", "1000000")
         settings = (f"camera.source=recording:{take}", tap, port)
         with (
-            daemon(*settings, options=options, command=[*of_daemon, *COMMAND], deadline_s=10 * DEADLINE_S),
+            daemon(*settings, options=options, command=[*of_daemon, *COMMAND], life_s=10 * LIFE_S),
             view(Path(name), before=of_page) as page,
         ):
             yield page

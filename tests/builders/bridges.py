@@ -17,9 +17,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
 from tests.builders.certificates import certificates
-from tests.builders.tap import wait_until
+from tests.builders.waiting import limit_s, wait_until
 
 LEDPI = [sys.executable, "-m", "ledpi"]
 PASSWORD = "correct-horse"
@@ -426,7 +426,7 @@ class Running:
     def end(self) -> dict[str, int]:
         """Its counters, after SIGTERM."""
         self.process.terminate()
-        assert self.process.wait(DEADLINE_S) == 0, self.log
+        assert self.process.wait(limit_s()) == 0, self.log
         last = [line for line in self.log.splitlines() if " bridge output=" in line][-1]
         return {key: int(number) for key, number in (part.split("=") for part in last.split()[3:])}
 
@@ -458,6 +458,6 @@ def bridge(
         process.kill()
         process.wait()
         if reader is not None:
-            reader.join(DEADLINE_S)
+            reader.join(limit_s())
         assert process.stdout is not None
         process.stdout.close()

@@ -12,6 +12,7 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,10 @@ from ledpi.runtime.daemon import Daemon
 from ledpi.simulate.scene import Room, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
+from tests.builders.waiting import killed_if_late, limit_s, wait_until
 
+LIFE_S = 180.0  # of a daemon of one test, on an idle machine
 MAX_AGE_US = 100_000  # serial.max_age_ms as it is by default
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "run"]
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
@@ -70,10 +73,7 @@ class Controller:
         return [(at, message) for at, message in self.got if isinstance(message, StatusMessage)]
 
     def wait_for(self, enough: Callable[[Controller], bool]) -> None:
-        deadline = time.monotonic() + DEADLINE_S
-        while not enough(self):
-            assert time.monotonic() < deadline, "the daemon did not send what was waited for"
-            time.sleep(0.004)
+        wait_until(partial(enough, self))
 
     def close(self) -> None:
         """Reads what is still there. No pose of all that came may be older than allowed."""
@@ -132,21 +132,19 @@ def daemon_in_thread(config: Config, camera: Camera) -> Iterator[Daemon]:
         yield running
     finally:
         running.stop()
-        thread.join(DEADLINE_S)
+        thread.join(limit_s())
 
 
 @contextmanager
 def daemon(
-    *settings: str, options: tuple[str, ...] = (), command: list[str] = COMMAND, deadline_s: float = DEADLINE_S
+    *settings: str, options: tuple[str, ...] = (), command: list[str] = COMMAND, life_s: float = LIFE_S
 ) -> Iterator[subprocess.Popen[str]]:
     command = [*command, *options, *(part for item in settings for part in ("--set", item))]
     process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
-    deadline = threading.Timer(deadline_s, process.kill)
-    deadline.start()
     try:
-        yield process
+        with killed_if_late(process, life_s):
+            yield process
     finally:
-        deadline.cancel()
         process.kill()
         process.communicate()
 
@@ -156,7 +154,7 @@ def end(process: subprocess.Popen[str], signal_number: int | None = None) -> End
     started = time.monotonic()
     if signal_number is not None:
         process.send_signal(signal_number)
-    _, log = process.communicate(timeout=DEADLINE_S)
+    _, log = process.communicate(timeout=limit_s())
     return Ended(process.returncode, log.splitlines(), time.monotonic() - started)
 
 
@@ -169,12 +167,13 @@ def lines_until(process: subprocess.Popen[str], text: str, times: int = 1) -> li
     """All further lines of its log, up to the one that has this text for the last of so many times."""
     assert process.stderr is not None
     lines: list[str] = []
-    for entry in process.stderr:
-        lines.append(entry)
-        times -= text in entry
-        if not times:
-            return lines
-    raise AssertionError(f"the daemon ended and never said {text!r}")
+    with killed_if_late(process):
+        for entry in process.stderr:
+            lines.append(entry)
+            times -= text in entry
+            if not times:
+                return lines
+    raise AssertionError(f"the daemon did not say {text!r}, but ended or was late; its last words: {lines[-3:]}")
 
 
 def slowness() -> float:

@@ -23,10 +23,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from ledpi.config.map_yaml import map_text
 from ledpi.simulate.scenes import DRIVE_IDS, drive_map
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
 from tests.builders.bridges import LEDPI, ZENOH_ROUTER, bridge, free_port
 from tests.builders.daemon import daemon, slowness
-from tests.builders.tap import at, reach, wait_until
+from tests.builders.tap import at, reach
+from tests.builders.waiting import wait_until
 
 LONG_MS = 10_000  # no pose grows too old, however busy the machine is
 FRAME_US = 17_000
@@ -142,8 +143,7 @@ def driven(folder: Path, frames: int, of_recording: int) -> Drive:
     settings = {"kind": "zenoh", "host": "127.0.0.1", "port": port}
     with node(port) as heard, bridge(settings, path, folder, max_age_ms=LONG_MS) as running:
         wait_until(lambda: "target_open" in running.log)
-        deadline_s = DEADLINE_S + frames * FRAME_US / 1e6
-        with daemon(*given, options=("--frames", str(frames)), deadline_s=deadline_s), reach(path) as tap:
+        with daemon(*given, options=("--frames", str(frames))), reach(path) as tap:
             told = [line for line in tap.lines() if line["type"] == "decoded"]
         counters, count = running.end(), -1
         while count != len(heard):  # what is on its way

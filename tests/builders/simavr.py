@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
+from tests.builders.waiting import limit_s
 
 SOURCE = Path(__file__).with_name("avr_trace.c")
 CLOCK_HZ = 16_000_000
@@ -65,7 +66,7 @@ def emulate(
     trace = work / "trace.vcd"
     command = [_emulator(), program, str(seconds), trace, work / "eeprom.bin", str(baud)]
     command += [f"{at_s}:{sent.hex()}" for at_s, sent in sorted(arrivals)]
-    done = subprocess.run(command, check=True, capture_output=True, timeout=DEADLINE_S)
+    done = subprocess.run(command, check=True, capture_output=True, timeout=limit_s(30))
     edges, end = _read_vcd(trace)
     return PinTrace(edges=edges, end=end, said=done.stdout)
 

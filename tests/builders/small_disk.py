@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
+from tests.builders.waiting import limit_s
 
 LEDPI = (sys.executable, "-m", "ledpi")
 # A folder, what it may hold and what lies in it already (kB), and the command.
@@ -44,4 +45,4 @@ def on_a_small_disk(
     folder.mkdir(exist_ok=True)
     sizes = (str(has_kb), str(full_kb))
     within = [*ALONE, "/bin/sh", "-c", WITHIN, "within", str(folder), *sizes, *command, *map(str, arguments)]
-    return subprocess.run(within, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    return subprocess.run(within, cwd=ROOT, capture_output=True, text=True, timeout=limit_s(30), check=False)

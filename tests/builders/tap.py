@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import socket
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,7 +18,7 @@ from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected
 from ledpi.tap.client import Client, connect
 from ledpi.tap.messages import Setup
 from ledpi.tap.server import Tap
-from tests.builders import DEADLINE_S
+from tests.builders.waiting import limit_s, wait_until
 
 HEIGHT, WIDTH = 48, 64
 CAMERA = CameraInfo(width=WIDTH, height=HEIGHT, exposure_us=1000.0, row_time_us=20.0, transfer="linear")
@@ -84,7 +84,7 @@ class Raw:
     def __init__(self, path: Path) -> None:
         self.left.append(self)
         self.socket = socket.socket(socket.AF_UNIX)
-        self.socket.settimeout(DEADLINE_S)
+        self.socket.settimeout(limit_s())
         self.socket.connect(str(path))
         self._file = self.socket.makefile("rb")
 
@@ -127,23 +127,17 @@ class Raw:
 
 def reach(path: Path) -> Client:
     """As soon as the daemon is there."""
-    deadline_s = time.monotonic() + DEADLINE_S
-    while True:
-        try:
+
+    def client() -> Client | None:
+        with suppress(TapError):
             return connect(path)
-        except TapError:
-            assert time.monotonic() < deadline_s, "no daemon came"
-            time.sleep(0.02)
+        return None
+
+    found = wait_until(client, f"a daemon at {path}")
+    assert found is not None
+    return found
 
 
 def at(path: Path) -> str:
     """The setting."""
     return f"tap.socket={path}"
-
-
-def wait_until(there: Callable[[], bool]) -> None:
-    """Waits for another thread's work."""
-    deadline_s = time.monotonic() + DEADLINE_S
-    while not there():
-        assert time.monotonic() < deadline_s, "what was waited for did not come"
-        time.sleep(0.005)

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ from ledpi.config.map_yaml import map_text
 from ledpi.simulate.scenes import drive_map
 from ledpi.view.connections import MOST
 from ledpi.view.pictures import KINDS
-from tests.builders import DEADLINE_S
+from tests.builders.waiting import limit_s
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
@@ -55,7 +55,7 @@ class Page:
     def asked(self, path: str) -> bytes:
         """The answer as it comes."""
         request = Request(f"http://127.0.0.1:{self.port}{path}", headers={"Authorization": f"Bearer {self.token}"})
-        with build_opener(ProxyHandler({})).open(request, timeout=DEADLINE_S) as answer:
+        with build_opener(ProxyHandler({})).open(request, timeout=limit_s()) as answer:
             return bytes(answer.read())
 
     @property
@@ -74,12 +74,12 @@ def watched(page: Page, viewers: int, seconds: float, pause_s: float = 0.0) -> l
 
     def is_on() -> bool:
         lasted_s, served = time.monotonic() - began_s, sum(count > 0 for count in got)
-        return lasted_s < seconds or (served < min(viewers, MOST) and lasted_s < seconds + DEADLINE_S)
+        return lasted_s < seconds or (served < min(viewers, MOST) and lasted_s < seconds + limit_s())
 
     def watch(viewer: int) -> None:
         kind, headers = KINDS[viewer % len(KINDS)], {"Authorization": f"Bearer {page.token}"}
         while is_on():
-            connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=DEADLINE_S)
+            connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=limit_s())
             with suppress(OSError, http.client.HTTPException):  # there are fewer places than viewers
                 while is_on():
                     connection.request("GET", f"/api/frame?kind={kind}", headers=headers)
@@ -160,17 +160,8 @@ def browser(size: tuple[int, int] = (1280, 900), *, phone: bool = False, dark: b
         options.add_experimental_option("mobileEmulation", {"deviceMetrics": metrics})
     driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=str(DRIVER)))
     try:
-        driver.set_script_timeout(DEADLINE_S)
+        driver.set_script_timeout(limit_s())
         yield driver
     finally:
         with suppress(Exception):  # one that has crashed cannot be told to end
             driver.quit()
-
-
-def wait_for(what: Callable[[], Any], why: str, deadline_s: float = DEADLINE_S) -> Any:
-    """Until it gives something that is true, which is returned."""
-    end_s = time.monotonic() + deadline_s
-    while not (found := what()):
-        assert time.monotonic() < end_s, f"did not come: {why}"
-        time.sleep(0.05)
-    return found

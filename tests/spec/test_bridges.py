@@ -15,7 +15,8 @@ import pytest
 
 from tests.builders.bridges import MOSQUITTO, Far, Mqtt, Nt, Running, Stdout, Tcp, Udp, Zenoh, bridge
 from tests.builders.made_up_daemon import MadeUpDaemon
-from tests.builders.tap import Raw, wait_until
+from tests.builders.tap import Raw
+from tests.builders.waiting import wait_until
 
 MAX_AGE_US = 100_000  # serial.max_age_ms
 FIRST = 1000  # the number of the first frame

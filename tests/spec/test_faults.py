@@ -28,7 +28,6 @@ from ledpi.runtime.daemon import Daemon
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, State, StatusMessage
 from tests.builders.daemon import (
     COMMAND,
-    DEADLINE_S,
     MAX_AGE_US,
     ROOT,
     OtherCamera,
@@ -39,6 +38,7 @@ from tests.builders.daemon import (
     write_recording,
 )
 from tests.builders.imports import RUN, file_of, reached_from
+from tests.builders.waiting import wait_until
 
 alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
@@ -76,10 +76,7 @@ class Line:
 
     def read_until(self, enough: Callable[[], bool]) -> None:
         """With what is there once it is enough."""
-        deadline = time.monotonic() + DEADLINE_S
-        while not enough():
-            self.read()
-            assert time.monotonic() < deadline
+        wait_until(enough, meanwhile=self.read)
         while select.select([self._master], [], [], 0.0)[0]:
             self.read()
 
@@ -88,12 +85,14 @@ class Line:
         while time.monotonic() < until:
             self.read()
 
-    def wait_for_markers(self, count: int, within_s: float = DEADLINE_S) -> None:
+    def wait_for_markers(self, count: int) -> None:
         """Reads until so many have come from now on."""
-        deadline = time.monotonic() + within_s
-        while count > 0:
-            count -= sum(isinstance(message, MarkerMessage) for message in self.read())
-            assert time.monotonic() < deadline, "no markers came"
+        came: list[Message] = []
+
+        def read() -> None:
+            came.extend(message for message in self.read() if isinstance(message, MarkerMessage))
+
+        wait_until(lambda: len(came) >= count, f"{count} markers", read)
 
     def throw_away(self) -> None:
         """As a receiver should after a pause, see docs/wire.md; but not unseen."""

@@ -9,8 +9,6 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-import pytest
-
 from tests.builders import ROOT
 from tests.builders.imports import RUN, file_of, imports_of, reached_from
 
@@ -101,35 +99,30 @@ def called_names(path: Path) -> set[str]:
     return {call.split(".")[-1] for call in calls}
 
 
-@pytest.mark.parametrize("entry", PURE)
-def test_what_computes_is_pure(entry: str) -> None:
+def test_what_computes_is_pure() -> None:
     """No threads, clocks, files, serial port or camera there, nor in anything that it imports."""
-    modules = members(entry)
-    assert all(file_of(module) for module in modules)
-    assert modules
-    assert breaches(modules, IMPURE_MODULES) == []
+    of_entries = {entry: members(entry) for entry in PURE}
+    assert [entry for entry, modules in of_entries.items() if not modules or not all(map(file_of, modules))] == []
+    assert breaches({module for modules in of_entries.values() for module in modules}, IMPURE_MODULES) == []
 
 
-@pytest.mark.parametrize("entry", PURE)
-def test_what_computes_touches_no_file(entry: str) -> None:
+def test_what_computes_touches_no_file() -> None:
     """Files can also be opened without an import that shows it; those calls are not made either."""
-    for module in reached_from(members(entry)):
-        path = file_of(module)
-        assert path is not None
-        assert called_names(path) & IMPURE_CALLS == set(), module
+    modules = reached_from({module for entry in PURE for module in members(entry)})
+    called = {module: called_names(file_of(module) or ROOT) & IMPURE_CALLS for module in modules}
+    assert {module: names for module, names in called.items() if names} == {}
 
 
-@pytest.mark.parametrize("package", LAYERS)
-def test_imports_go_one_way(package: str) -> None:
+def test_imports_go_one_way() -> None:
     """A package imports only those that stand below it."""
-    allowed = {*LAYERS[: LAYERS.index(package) + 1], "__version__"}
-    imported = {
+    upwards = {
         f"{module} imports {name}"
+        for level, package in enumerate(LAYERS)
         for module in members(f"ledpi.{package}.")
         for name in imports_of(file_of(module) or ROOT)
-        if name.startswith("ledpi.") and name.split(".")[1] not in allowed
+        if name.startswith("ledpi.") and name.split(".")[1] not in {*LAYERS[: level + 1], "__version__"}
     }
-    assert imported == set()
+    assert upwards == set()
 
 
 def test_every_package_has_its_layer() -> None:
@@ -152,11 +145,10 @@ def test_the_loops_know_nothing_of_what_calls_them() -> None:
     assert breaches(members("ledpi.kernels."), {"ledpi.decode", "ledpi.pose"}) == []
 
 
-@pytest.mark.parametrize("module", RUN)
-def test_run_reaches_no_workshop_tool(module: str) -> None:
+def test_run_reaches_no_workshop_tool() -> None:
     """`run` leads to no calibration, panel design or evaluation. (Other commands stand behind ledpi.cli.)"""
-    assert file_of(module), f"{module} is gone: this test must follow"
-    assert breaches([module], WORKSHOP, stop_at="ledpi.cli") == []
+    assert [module for module in RUN if not file_of(module)] == []  # where one is gone, this test must follow
+    assert breaches(RUN, WORKSHOP, stop_at="ledpi.cli") == []
 
 
 def test_run_loads_no_workshop_tool() -> None:

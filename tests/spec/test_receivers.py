@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from benchmarks.endurance.receivers import corrupted_stream, faults, received_in_python
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage, WirePose
 from ledpi.wire.codec import decode, encode
-from tests.builders import DEADLINE_S
 from tests.builders.receiver import HEADER, ROOT, STRICT, Received, needs_gcc, received_in_c
 from tests.builders.simavr import CLOCK_HZ, PinTrace, build_with_make, emulate, needs_simavr
+from tests.builders.waiting import limit_s
 from tests.builders.wire import RejectedVector, Vector, rejected_vectors, vectors
 
 VECTORS = vectors()
@@ -148,7 +148,7 @@ def test_what_the_fuzzer_asks_holds_on_seeded_input(tmp_path: Path) -> None:
         sealed = [bytes([34 << 1 | 1, 1, rng.randint(1, 3)]) + rng.randbytes(32) for _ in range(rng.randint(0, 2))]
         inputs.append(b"".join(sealed) + rng.randbytes(rng.randrange(100)))
     stream = b"".join(bytes([len(data)]) + data for data in inputs)
-    subprocess.run([tmp_path / "fuzz"], input=stream, check=True, timeout=DEADLINE_S)
+    subprocess.run([tmp_path / "fuzz"], input=stream, check=True, timeout=limit_s(30))
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="not installed: g++")

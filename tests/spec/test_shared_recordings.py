@@ -22,8 +22,9 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import TruthMarker, find_recordings, load_recording
 from ledpi.wire import MarkerMessage, Receiver
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
 from tests.builders.decode import panel_settings
+from tests.builders.waiting import limit_s
 
 Shared = Callable[[str], Path]
 
@@ -153,7 +154,7 @@ def test_the_daemon_sends_the_drive(shared: Shared) -> None:
     with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL) as process:
         reader = threading.Thread(target=_drain, args=(master, process, received))
         reader.start()
-        assert process.wait(timeout=DEADLINE_S) == 0
+        assert process.wait(limit_s()) == 0
         reader.join()
     os.close(slave)
     os.close(master)

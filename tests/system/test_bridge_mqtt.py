@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
 from tests.builders.bridges import LEDPI, MOSQUITTO, PASSWORD, Mqtt, Secure, bridge, secrets
 from tests.builders.made_up_daemon import MadeUpDaemon
-from tests.builders.tap import wait_until
+from tests.builders.waiting import limit_s, wait_until
 
 pytestmark = pytest.mark.skipif(
     MOSQUITTO is None or shutil.which("openssl") is None or shutil.which("mosquitto_passwd") is None,
@@ -75,7 +75,7 @@ def test_no_command_shows_the_password(command: tuple[str, ...], broker: Mqtt, f
     config.write_text(f"panels: {{side_m: 0.16}}\nserial: {{port: null}}\noutputs: {outputs}\n", encoding="utf-8")
     last = str(folder / last) if last == "robot.ledpi" else last
     asked = [*LEDPI, *words, last, "--config", str(config)]
-    done = subprocess.run(asked, cwd=folder, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    done = subprocess.run(asked, cwd=folder, capture_output=True, text=True, timeout=limit_s(30), check=False)
     assert "Traceback" not in done.stderr
     assert len(done.stdout) > 20
     assert PASSWORD not in done.stdout + done.stderr
@@ -113,7 +113,7 @@ def refusal(values: dict[str, Any], folder: Path) -> str:
     """The last line of a bridge that ends with status 2."""
     outputs = f"outputs={json.dumps({'far': values})}"
     command = [*LEDPI, "bridge", "far", "--set", outputs, "--set", f"tap.socket={folder}/tap.sock"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=limit_s(30), check=False)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     return done.stderr.splitlines()[-1]
@@ -247,7 +247,7 @@ def test_a_missing_package_is_named_with_its_extra(folder: Path) -> None:
     hidden = "import sys; sys.modules['paho'] = None; from ledpi.cli import main; main()"
     outputs = 'outputs={"far": {"kind": "mqtt", "host": "x"}}'
     command = [LEDPI[0], "-c", hidden, "bridge", "far", "--set", outputs]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=limit_s(30), check=False)
     assert done.returncode == 2
     assert "outputs.far: kind mqtt needs the package paho" in done.stderr
     assert done.stderr.rstrip().endswith("pip install 'ledpi[mqtt]'")

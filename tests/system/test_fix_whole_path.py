@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 import threading
 import tty
 from pathlib import Path
@@ -19,7 +17,7 @@ from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene, whole_rows_us
 from ledpi.wire import FixMessage, NoFix, Receiver, StatusMessage
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders.command import ledpi
 
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 FRAMES = 8
@@ -44,12 +42,6 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
             writer.write(frame, camera.truth(frame.seq))
     (folder / "markers.yaml").write_text(MAP)
     return folder
-
-
-def ledpi(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from ledpi.cli import main; main()", *map(str, arguments)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S, env=environment)
 
 
 def test_decode_tells_where_the_robot_is(take: Path) -> None:

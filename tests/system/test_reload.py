@@ -23,10 +23,9 @@ from ledpi.config.settings import Config, load_config
 from ledpi.core.records import Frame, Pixels
 from ledpi.runtime.reload import Reading
 from ledpi.runtime.service import Service
-from ledpi.wire import MarkerMessage, State
+from ledpi.wire import FixMessage, MarkerMessage, State
 from tests.builders.daemon import (
     COMMAND,
-    DEADLINE_S,
     SIMULATED,
     SIMULATED_YAML,
     Controller,
@@ -40,7 +39,7 @@ from tests.builders.daemon import (
     wait_for_log,
     write_recording,
 )
-from tests.builders.tap import wait_until
+from tests.builders.waiting import limit_s, wait_until
 
 FILES = 40  # each a SIGHUP, and a tenth of a second
 # In it, a file of that name is as on a mount whose server is gone.
@@ -113,8 +112,7 @@ def running(folder: Path, command: list[str] = COMMAND) -> Iterator[tuple[subpro
     with controller() as line:
         (folder / "config.yaml").write_text("panels: {side_m: 0.16}\n" + SIMULATED_YAML)
         options = ("--config", str(folder / "config.yaml"))
-        deadline_s = DEADLINE_S + FILES
-        with daemon(f"serial.port={line.port}", options=options, command=command, deadline_s=deadline_s) as process:
+        with daemon(f"serial.port={line.port}", options=options, command=command) as process:
             line.wait_for(lambda c: bool(c.markers))
             yield process, line
 
@@ -201,11 +199,11 @@ def test_a_configuration_that_arrives_late_is_taken() -> None:
 
     def load() -> Config:
         began.set()
-        assert may_end.wait(DEADLINE_S)
+        assert may_end.wait(limit_s())
         return load_config(None, ("panels.side_m=0.16", "camera.source=simulated"))
 
     reading = Reading(load)
-    assert began.wait(DEADLINE_S)
+    assert began.wait(limit_s())
     assert reading.result() is None
     may_end.set()
     while (result := reading.result()) is None:
@@ -323,13 +321,10 @@ def test_a_device_runs_on_unless_it_would_be_set_up_otherwise(change: str, opene
     running = threading.Thread(target=service.run)
     running.start()
     service.reload()
-    deadline = time.monotonic() + DEADLINE_S
-    while service._daemon is first:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: service._daemon is not first)
     assert [camera.closed for camera in Counted.opened] == [True] * (opened - 1) + [False]
     service.stop()
-    running.join(DEADLINE_S)
+    running.join(limit_s())
     assert all(camera.closed for camera in Counted.opened)
 
 
@@ -340,7 +335,7 @@ def test_a_camera_that_hangs_is_opened_again() -> None:
 
     class Hanging(Counted):
         def read(self, into: Pixels) -> Frame | None:
-            ends.wait(DEADLINE_S)
+            ends.wait(limit_s())
             return None
 
         def close(self) -> None:
@@ -352,12 +347,9 @@ def test_a_camera_that_hangs_is_opened_again() -> None:
     running = threading.Thread(target=service.run)
     running.start()
     service.reload()
-    deadline = time.monotonic() + DEADLINE_S
-    while len(Counted.opened) < 2:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: len(Counted.opened) >= 2)
     service.stop()
-    running.join(DEADLINE_S)
+    running.join(limit_s())
     assert [type(camera) for camera in Counted.opened] == [Hanging, Counted]
     assert all(camera.closed for camera in Counted.opened)
 
@@ -385,11 +377,42 @@ def test_an_error_while_the_new_daemon_is_made_brings_the_old_configuration_back
     running = threading.Thread(target=service.run)
     running.start()
     service.reload()
-    deadline = time.monotonic() + DEADLINE_S
-    while len(opened) < 2:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: len(opened) >= 2)
     service.stop()
-    running.join(DEADLINE_S)
+    running.join(limit_s())
     assert not running.is_alive()
     assert f'reload_refused error="{said}" stays="the old configuration"' in caplog.text
+
+
+def fixes(line: Controller) -> list[FixMessage]:
+    return [message for _, message in line.got if isinstance(message, FixMessage)]
+
+
+def test_a_reload_with_another_map_is_reported_with_each_fix(tmp_path: Path) -> None:
+    """The panel hangs ten metres further, as no drive goes: fixes jump, and say so; with the same map they do not."""
+    file, map_file = tmp_path / "config.yaml", tmp_path / "markers.yaml"
+
+    def hang(x_m: float) -> None:
+        map_file.write_text(f"panels: {{7: {{position_m: [{x_m}, 0, 1], quaternion_wxyz: [0.5, 0.5, 0.5, 0.5]}}}}\n")
+
+    with controller() as line:
+        file.write_text(
+            f"panels: {{side_m: 0.16, upright: true}}\nmap: markers.yaml\n{SIMULATED_YAML}serial: {{port: {line.port}}}"
+        )
+        hang(3.0)
+        with daemon(options=("--config", str(file))) as process:
+            wait_for_log(process, "INFO start ")
+            for x_m in (3.0, 13.0):
+                line.wait_for(lambda c: bool(fixes(c)))
+                hang(x_m)
+                process.send_signal(signal.SIGHUP)
+                wait_for_log(process, "INFO start ")
+                seen = len(fixes(line))
+                line.wait_for(lambda c, seen=seen: len(fixes(c)) > seen + 3)  # type: ignore[misc]
+            assert end(process, signal.SIGTERM).status == 0
+        line.close()
+    counted = [fix.map_resets for fix in fixes(line)]
+    assert set(counted) == {0, 1}
+    assert counted == sorted(counted)
+    before, after = fixes(line)[counted.count(0) - 1], fixes(line)[counted.count(0)]
+    assert after.pose.position_m[0] > before.pose.position_m[0] + 5.0

@@ -7,10 +7,8 @@ import logging
 import os
 import resource
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,9 +24,9 @@ from ledpi.recording.reader import load_recording
 from ledpi.runtime.rewind import AGAIN_NS, Rewind
 from ledpi.runtime.take_writer import LIVE_FILE
 from ledpi.runtime.takes import takes_folder
+from tests.builders.command import ledpi
 from tests.builders.daemon import (
     COMMAND,
-    DEADLINE_S,
     ROOT,
     SIMULATED,
     Controller,
@@ -39,10 +37,10 @@ from tests.builders.daemon import (
     end,
 )
 from tests.builders.rewind import Stream, differences_once_settled, stream, without_times
+from tests.builders.waiting import limit_s, wait_until
 
 # Where others take the processor, live searches less, and what is kept begins long after the daemon.
 AS_LIVE = pytest.mark.alone
-LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 
 
 @pytest.fixture
@@ -50,13 +48,6 @@ def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder that a daemon of this test writes to."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return tmp_path / "state" / "ledpi" / "takes"
-
-
-def wait_for(is_so: Callable[[], object], what: str) -> None:
-    until_s = time.monotonic() + DEADLINE_S
-    while not is_so():
-        assert time.monotonic() < until_s, f"did not come: {what}"
-        time.sleep(0.05)
 
 
 def whole(takes: Path) -> list[Path]:
@@ -67,11 +58,6 @@ def whole(takes: Path) -> list[Path]:
 def asked(takes: Path) -> list[Path]:
     """Those that somebody asked for: where the machine is so busy that no frame comes, a fault has its own."""
     return [take for take in whole(takes) if "-asked" in take.name]
-
-
-def ledpi(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [*LEDPI, *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=2 * DEADLINE_S)
 
 
 def live_and_again(take: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -102,7 +88,7 @@ def test_sigusr1_saves_what_was_live(takes: Path) -> None:
             seen = len(line.markers)
             has_seen(line, seen + 100)
             process.send_signal(signal.SIGUSR1)
-            wait_for(lambda n=count: len(asked(takes)) == n, "a recording")
+            wait_until(lambda n=count: len(asked(takes)) == n, "a recording")
         has_seen(line, len(line.markers) + 20)
         ended = end(process, signal.SIGTERM)
     assert ended.status == 0
@@ -121,7 +107,7 @@ def test_a_daemon_that_is_killed_leaves_a_recording(takes: Path) -> None:
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
         has_seen(line, 60)
         process.send_signal(signal.SIGUSR1)
-        wait_for(lambda: any(len(f.read_bytes()) > 500 for f in takes.glob("*-asked.part/live.jsonl")), "a part")
+        wait_until(lambda: any(len(f.read_bytes()) > 500 for f in takes.glob("*-asked.part/live.jsonl")), "a part")
         process.kill()
         process.wait()
     (part,) = takes.glob("*-asked*")
@@ -135,12 +121,12 @@ def test_a_file_that_cannot_be_written_is_reported_and_the_daemon_goes_on(takes:
         has_seen(line, 20)
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (5_000, resource.RLIM_INFINITY))
         process.send_signal(signal.SIGUSR1)
-        wait_for(lambda: takes.exists() and not list(takes.glob("*-asked*")), "the folder, and nothing in it")
+        wait_until(lambda: takes.exists() and not list(takes.glob("*-asked*")), "the folder, and nothing in it")
         seen = len(line.markers)
         has_seen(line, seen + 20)
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
         process.send_signal(signal.SIGUSR1)
-        wait_for(lambda: asked(takes), "a recording")
+        wait_until(lambda: asked(takes), "a recording")
         ended = end(process, signal.SIGTERM)
     assert ended.status == 0
     (told,) = [line for line in ended.log if "rewind_failed cause=asked" in line]
@@ -240,7 +226,7 @@ def test_a_lost_camera_is_saved_once(takes: Path) -> None:
     """Saves what came before it; a camera that is lost again soon is the same fault."""
     camera = Flaky(every=25)
     with controller() as line, daemon_in_thread(load_config(None, (*SIMULATED, f"serial.port={line.port}")), camera):
-        wait_for(lambda: camera.lost >= 3 and whole(takes), "three losses")
+        wait_until(lambda: camera.lost >= 3 and whole(takes), "three losses")
     (take,) = takes.iterdir()
     assert take.name.endswith("-camera_lost")
     assert differences(take) == []
@@ -278,10 +264,10 @@ def test_a_contradicted_panel_is_saved_once(rewind: Rewind, drive: Stream, takes
     for number in range(1, 4):
         kept_by(rewind, drive, contradicted=True, later_ns=number * second_ns)
         rewind.tick(0, lost=False)
-    wait_for(lambda: whole(takes), "a recording")
+    wait_until(lambda: whole(takes), "a recording")
     kept_by(rewind, drive, contradicted=True, later_ns=5 * second_ns + AGAIN_NS)
     rewind.tick(0, lost=False)
-    wait_for(lambda: len(whole(takes)) == 2, "another")
+    wait_until(lambda: len(whole(takes)) == 2, "another")
     assert {p.name.partition("-")[2] for p in takes.iterdir()} <= {"contradicted", "contradicted-2"}
 
 
@@ -295,7 +281,7 @@ def test_a_panel_that_a_fix_leaves_out_is_contradicted(rewind: Rewind, drive: St
     )
     rewind.keep(replace(frame, seq=99, row0_readout_ns=frame.row0_readout_ns + 10**8), replace(decoded, robot=fix), 1)
     rewind.tick(0, lost=False)
-    wait_for(lambda: whole(takes), "a recording")
+    wait_until(lambda: whole(takes), "a recording")
 
 
 def test_a_replay_saves_no_fault(drive: Stream, takes: Path) -> None:
@@ -305,7 +291,7 @@ def test_a_replay_saves_no_fault(drive: Stream, takes: Path) -> None:
     made.start()
     kept_by(made, drive, contradicted=True)
     made.tick(0, lost=True)
-    assert made.save().result(DEADLINE_S).name.endswith("-asked")
+    assert made.save().result(limit_s()).name.endswith("-asked")
     made.close()
     assert len(whole(takes)) == 1
 
@@ -320,7 +306,7 @@ def test_a_fault_before_anything_was_seen_is_no_failure(
     assert caplog.text == ""
     kept_by(rewind, drive, contradicted=False)
     rewind.tick(1_000_000_000, lost=True)
-    wait_for(lambda: bool(whole(takes)), "the loss")
+    wait_until(lambda: bool(whole(takes)), "the loss")
     assert [take.name.partition("-")[2] for take in whole(takes)] == ["camera_lost"]
 
 

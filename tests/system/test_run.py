@@ -30,7 +30,6 @@ from tests.builders.command import complaint as one_complaint
 from tests.builders.command import in_process
 from tests.builders.daemon import (
     COMMAND,
-    DEADLINE_S,
     ROOT,
     SIMULATED,
     Controller,
@@ -42,6 +41,7 @@ from tests.builders.daemon import (
     slowness,
     write_recording,
 )
+from tests.builders.waiting import limit_s
 
 alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
@@ -255,7 +255,7 @@ def test_a_short_soak(tmp_path: Path) -> None:
     """300 frames through the whole daemon, unpaced. One that kept its frames would grow by 60 MB; 1 MiB is allowed."""
     command = [sys.executable, "-m", "benchmarks.endurance.soak", "--frames", "300"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=DEADLINE_S)
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=limit_s(30))
     assert done.returncode == 0, done.stdout + done.stderr
     assert "300 frames in" in done.stdout
     assert "0 dropped, 300 decoded" in done.stdout
@@ -275,7 +275,7 @@ def test_a_pose_leaves_once_it_is_decoded() -> None:
 def test_the_helps_example_runs_without_a_configuration(tmp_path: Path) -> None:
     """In any folder: the simulator's panels are its own, and the port may come later."""
     given = ["--set", "camera.source=simulated", "--set", f"serial.port={tmp_path / 'robot'}", "--frames", "3"]
-    done = subprocess.run([*COMMAND, *given], cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    done = subprocess.run([*COMMAND, *given], cwd=tmp_path, capture_output=True, text=True, timeout=limit_s(30))
     assert done.returncode == 0, done.stderr
     assert "ended: 3 frames" in done.stderr
 
@@ -502,6 +502,6 @@ def test_a_signal_cannot_lock_the_daemon_up(tmp_path: Path) -> None:
 
     waiting = threading.Thread(target=run, daemon=True)
     waiting.start()
-    waiting.join(timeout=DEADLINE_S)
+    waiting.join(limit_s())
     assert not waiting.is_alive()
     assert len(set(interrupted)) >= 3

@@ -6,7 +6,6 @@ import json
 import os
 import re
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -23,10 +22,12 @@ from ledpi.core.errors import CameraError, CameraLostError
 from ledpi.tap.client import connect
 from ledpi.tap.of_config import of_config
 from tests.builders import ROOT
-from tests.builders.bridges import LEDPI, free_port
-from tests.builders.daemon import COMMAND, DEADLINE_S, SIMULATED, SIMULATED_YAML, daemon, wait_for_log
+from tests.builders.bridges import free_port
+from tests.builders.command import LEDPI
+from tests.builders.daemon import COMMAND, SIMULATED, SIMULATED_YAML, daemon, wait_for_log
 from tests.builders.systemd import assert_closed_in, needs_systemd, said_of
-from tests.builders.tap import reach, wait_until
+from tests.builders.tap import reach
+from tests.builders.waiting import limit_s, wait_until
 from tests.system.test_install import FUNCTIONS
 
 NAMES = ("front", "rear")
@@ -50,7 +51,7 @@ def both(folders: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPat
             monkeypatch.setenv("RUNTIME_DIRECTORY", str(folders[name]))
             monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / f"takes-{name}"))
             settings = (*SIMULATED, f"panels.side_m={SIDES_M[name]}", "serial.port=null")
-            stack.enter_context(daemon(*settings, deadline_s=3 * DEADLINE_S))
+            stack.enter_context(daemon(*settings))
         taps = {name: folder / "tap.sock" for name, folder in folders.items()}
         for tap in taps.values():
             reach(tap).close()
@@ -64,8 +65,8 @@ def test_taps_and_takes_are_apart(both: dict[str, Path], tmp_path: Path) -> None
         with connect(tap) as client:
             pids.add(client.hello["pid"])
             assert client.hello["panels"]["side_m"] == SIDES_M[name]
-            wait_until(lambda client=client: "pixels" in client.picture(timeout_s=DEADLINE_S))  # a frame is kept
-            path = Path(client.ask("save", timeout_s=DEADLINE_S)["path"])
+            wait_until(lambda client=client: "pixels" in client.picture(timeout_s=limit_s()))  # a frame is kept
+            path = Path(client.ask("save", timeout_s=limit_s())["path"])
             assert path.parent == tmp_path / f"takes-{name}"
     assert len(pids) == 2
 
@@ -93,7 +94,7 @@ def test_a_bridge_sends_nothing_of_another_cameras_daemon(tmp_path: Path, monkey
             f"{SIMULATED_YAML}panels: {{side_m: 0.16}}\nserial: {{port: null}}\noutputs: {outputs}\n", encoding="utf-8"
         )
     run = [*COMMAND, "--config", str(tmp_path / "front.yaml")]
-    with daemon(command=run, deadline_s=3 * DEADLINE_S) as front:
+    with daemon(command=run) as front:
         wait_for_log(front, "tap=")
         told = {}
         for name, sign in (("front", "target_open"), ("rear", "other_daemon")):
@@ -104,7 +105,7 @@ def test_a_bridge_sends_nothing_of_another_cameras_daemon(tmp_path: Path, monkey
                 while name == "front" and json.loads(one.stdout.readline())["type"] != "decoded":
                     pass  # there are frames to send
                 one.terminate()
-                output, log = one.communicate(timeout=DEADLINE_S)
+                output, log = one.communicate(timeout=limit_s())
                 told[name] = (said, log.splitlines()[-1], '"decoded"' in output)
     assert " sent=0 " not in told["front"][1]
     assert f"is of the daemon with {tmp_path}/front.yaml, not {tmp_path}/rear.yaml" in told["rear"][0]
@@ -114,14 +115,14 @@ def test_a_bridge_sends_nothing_of_another_cameras_daemon(tmp_path: Path, monkey
 
 def shown(port: int, token: str) -> dict[str, Any]:
     """Returns what a page says of its daemon, as soon as it has one."""
-    deadline_s = time.monotonic() + DEADLINE_S
     asked = Request(f"http://127.0.0.1:{port}/api/state", headers={"Authorization": f"Bearer {token}"})
-    while True:
-        with build_opener(ProxyHandler({})).open(asked, timeout=DEADLINE_S) as answer:
-            state = json.loads(answer.read())
-        if state["daemon"] is not None:
-            return dict(state["daemon"])
-        assert time.monotonic() < deadline_s
+
+    def told() -> dict[str, Any] | None:
+        with build_opener(ProxyHandler({})).open(asked, timeout=limit_s()) as answer:
+            found: dict[str, Any] | None = json.loads(answer.read())["daemon"]
+            return found
+
+    return wait_until(told, "a daemon on its page") or {}
 
 
 def test_a_services_configuration_leads_to_its_own_tap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

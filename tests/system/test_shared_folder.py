@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import pytest
 
 from ledpi.cli.drawn import write_drawn
 from ledpi.tools.calibrate.files import check_writable, write_keeping_old
-from tests.builders import DEADLINE_S
+from tests.builders.waiting import wait_until
 
 VIDEO, SOMEBODY = 44, 61_234  # the group's number on Debian; a user that need not exist
 # Links under every name that root may write to first, at once and wherever one appears.
@@ -47,10 +46,7 @@ def shared(place: Path) -> Iterator[Path]:
     """`shared`, with another user of the group at work in it."""
     command = ["/bin/sh", "-c", ATTACK, "attack", place / "shared", place / "secret", place / "stop"]
     with subprocess.Popen(command, user=SOMEBODY, group=SOMEBODY, extra_groups=[VIDEO]):
-        deadline = time.monotonic() + DEADLINE_S
-        while not (place / "shared/ready").exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until((place / "shared/ready").exists, "the folder")
         yield place / "shared"
         (place / "stop").touch()  # it ends by itself: killed, the shell leaves an `ln` behind that still writes
     assert (place / "secret").read_text() == "root's own"

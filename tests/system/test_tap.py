@@ -16,12 +16,12 @@ import pytest
 
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tap.client import connect
-from tests.builders.command import complaint, in_process
-from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, SIMULATED_YAML, daemon, end, write_recording
+from tests.builders.command import complaint, in_process, ledpi
+from tests.builders.daemon import ROOT, SIMULATED, SIMULATED_YAML, daemon, end, write_recording
 from tests.builders.tap import Raw, at, reach
+from tests.builders.waiting import limit_s
 
 FOR_EVER = ("--frames", "1000000")  # round and round
-LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     write_recording(folder / "take", 30, rows=5 * 504)
     path = folder / "tap.sock"
     source = f"camera.source=recording:{folder / 'take'}"
-    with daemon(source, at(path), options=FOR_EVER, deadline_s=10 * DEADLINE_S) as process:
+    with daemon(source, at(path), options=FOR_EVER) as process:
         reach(path).close()
         yield path
         assert process.poll() is None
@@ -41,10 +41,6 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def _no_client_is_left() -> Iterator[None]:
     yield
     Raw.close_all()
-
-
-def ledpi(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*LEDPI, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
 
 
 # ---- What it tells
@@ -273,9 +269,7 @@ def test_snapshot_takes_the_daemons_frame_and_says_so(tmp_path: Path, monkeypatc
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
     with daemon(*SIMULATED) as process:
         reach(tmp_path / "run/ledpi/tap.sock").close()
-        done = subprocess.run(
-            [*LEDPI, "snapshot", "--out", "x.png"], cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S
-        )
+        done = ledpi("snapshot", "--out", "x.png", cwd=tmp_path)
         assert re.match(rf"x.png: running daemon \(pid {process.pid}\), frame \d+: ID \d+ at .* m, margin", done.stdout)
         assert (tmp_path / "x.png").stat().st_size > 10_000
 
@@ -296,9 +290,7 @@ def test_snapshot_has_the_daemons_settings(tmp_path: Path, monkeypatch: pytest.M
     )
     with daemon(*settings, at(tmp_path / "run/ledpi/tap.sock"), options=FOR_EVER):
         reach(tmp_path / "run/ledpi/tap.sock").close()
-        done = subprocess.run(
-            [*LEDPI, "snapshot", "--out", "x.png"], cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S
-        )
+        done = ledpi("snapshot", "--out", "x.png", cwd=tmp_path)
     said = re.search(r"running daemon .*: ID 7 at \S+ \S+ (\S+) m", done.stdout)
     assert said is not None, done.stdout + done.stderr
     assert float(said[1]) == pytest.approx(0.5, rel=0.02)
@@ -343,7 +335,7 @@ def test_the_pages_ten_lines_of_python_read_it(running: Path) -> None:
 def test_the_pages_lines_with_the_client_read_it(running: Path) -> None:
     """As printed, with the socket's place."""
     script = page_block("python", "ledpi.tap.client").replace("connect()", f"connect({str(running)!r})")
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=limit_s(30))
     assert re.match(r"\d+ [\d.]+ \[", done.stdout), done.stderr
 
 
@@ -353,7 +345,7 @@ def test_the_pages_line_for_curl_reads_it(running: Path) -> None:
     page = (ROOT / "docs/tap.md").read_text(encoding="utf-8")
     (command,) = re.findall(r"^    (curl .*)$", page, re.MULTILINE)
     command = command.replace("/run/ledpi/tap.sock", str(running)) + " --max-count=1"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=DEADLINE_S)
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=limit_s(30))
     assert json.loads(done.stdout)["markers"][0]["id"] == 7
 
 

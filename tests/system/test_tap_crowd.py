@@ -9,7 +9,7 @@ from statistics import median
 import pytest
 
 from ledpi.tap.client import connect
-from tests.builders.daemon import DEADLINE_S, controller, daemon, write_recording
+from tests.builders.daemon import controller, daemon, write_recording
 from tests.builders.tap import Raw, at, reach
 
 # It tells how late a daemon is: no other test may take the processor meanwhile.
@@ -28,7 +28,6 @@ def test_poses_leave_as_soon_with_a_crowd_as_without(tmp_path: Path) -> None:
             f"serial.port={line.port}",
             at(path),
             options=("--frames", "1000000"),
-            deadline_s=3 * DEADLINE_S,
         ) as process,
     ):
         reach(path).close()

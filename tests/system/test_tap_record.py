@@ -6,8 +6,6 @@ import json
 import resource
 import signal
 import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -23,11 +21,12 @@ from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.tap.client import connect
 from ledpi.tap.protocol import Request
 from ledpi.view.hub import Hub
-from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, SIMULATED_YAML, daemon, end
+from tests.builders.command import ledpi
+from tests.builders.daemon import SIMULATED, SIMULATED_YAML, daemon, end
 from tests.builders.rewind import differences_once_settled, stream, without_exposures, without_times
-from tests.builders.tap import at, reach, wait_until
+from tests.builders.tap import at, reach
+from tests.builders.waiting import limit_s, wait_until
 
-LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 OFF = "rewind.seconds=0"
 NO_ROOM = r"the disk has \d+ MB left; \d+ MB are needed: make room on it"
 
@@ -41,8 +40,7 @@ def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def decoded_again(take: Path) -> list[dict[str, Any]]:
     """By `ledpi decode --as-live`."""
-    command = [*LEDPI, "decode", "--as-live", str(take)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=2 * DEADLINE_S)
+    done = ledpi("decode", "--as-live", take)
     assert done.returncode == 0, done.stderr
     return without_times([json.loads(line) for line in done.stdout.splitlines()])
 
@@ -116,7 +114,10 @@ def test_record_stop_ends_it_and_a_second_one_is_refused(takes: Path, tmp_path: 
             other.ask("record", seconds=1)
         stopped = other.ask("record_stop")
         answer, _ = until(lines, "done", begun)
-        again, _ = until(lines, "done", client.send("record", seconds=1))
+        begun_again = client.send("record", seconds=600)
+        some_frames(lines, 5)
+        other.ask("record_stop")
+        again, _ = until(lines, "done", begun_again)
     assert {key: stopped[key] for key in ("path", "frames", "dropped")} == {
         key: answer[key] for key in ("path", "frames", "dropped")
     }
@@ -179,18 +180,22 @@ def test_a_disk_that_fills_up_is_told(takes: Path, tmp_path: Path) -> None:
     with daemon(*SIMULATED, at(path), OFF) as process, reach(path) as client, connect(path) as other:
         lines = client.lines()
         some_frames(lines, 10)
-        begun = client.send("record", seconds=600)
-        deadline_s = time.monotonic() + DEADLINE_S
-        while not any(len(file.read_bytes()) > 500 for file in takes.glob(f"*-recorded.part/{LIVE_FILE}")):
-            assert time.monotonic() < deadline_s, "a part did not come"
-            some_frames(lines, 1)
+        first = client.send("record", seconds=600)
+        wait_until(
+            lambda: any(len(file.read_bytes()) > 500 for file in takes.glob(f"*-recorded.part/{LIVE_FILE}")),
+            "a part",
+            lambda: some_frames(lines, 1),
+        )
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY))
         told = next(line for line in lines if line["type"] == "error")
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, free)
-        answer = other.ask("record", seconds=1)
+        begun = client.send("record", seconds=600)
+        some_frames(lines, 5)
+        other.ask("record_stop")
+        answer, _ = until(lines, "done", begun)
         ended = end(process, signal.SIGTERM)
     part = next(each for each in recorded(takes) if each.suffix == ".part")
-    assert told["id"] == begun
+    assert told["id"] == first
     assert "cannot be written: File too large; " in told["error"]
     assert told["error"].endswith(f"frames are in {part}")
     assert f"; {len(load_recording(part).frames)} frames" in told["error"]
@@ -237,7 +242,7 @@ def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.Monkey
                 monkeypatch.setattr(takes_module, "MIN_FREE_BYTES", 10**18)
             recorder.keep(frame, decoded, 150_000)
         with pytest.raises(DiskFullError, match=rf"{NO_ROOM}; 5 frames are in /"):
-            running.result(DEADLINE_S)
+            running.result(limit_s())
     with pytest.raises(DiskFullError, match=f"{NO_ROOM}$"):
         recorder.record(Request(do="record", seconds=600.0))
     (part,) = recorded(takes)
@@ -253,7 +258,7 @@ def test_without_a_frame_nothing_is_written(takes: Path) -> None:
         with pytest.raises(RecordingError, match="no frame was decoded meanwhile"):
             recorder.stop(Request(do="record_stop"))
         with pytest.raises(RecordingError, match="no frame was decoded meanwhile"):
-            running.result(DEADLINE_S)
+            running.result(limit_s())
         recorder.close()
         with pytest.raises(RecordingError, match="the daemon ends"):
             recorder.record(Request(do="record", seconds=1.0))

@@ -27,7 +27,6 @@ from tests.builders.rewind import without_exposures, without_times
 from tests.builders.view import (
     CHROMIUM,
     COMMAND,
-    DEADLINE_S,
     DRIVER,
     PHONE,
     Page,
@@ -36,8 +35,8 @@ from tests.builders.view import (
     start_daemon,
     start_still_daemon,
     view,
-    wait_for,
 )
+from tests.builders.waiting import limit_s, wait_until
 
 pytestmark = [
     pytest.mark.slow,
@@ -72,7 +71,7 @@ def opened(chromium: Any, page: Page) -> Any:
     """The page with its first picture, as who has opened the printed address sees it."""
     chromium.get("about:blank")
     chromium.get(page.address)
-    wait_for(lambda: js(chromium, "return document.querySelector('#overlay .panel') !== null"), "a panel's outline")
+    wait_until(lambda: js(chromium, "return document.querySelector('#overlay .panel') !== null"), "a panel's outline")
     return chromium
 
 
@@ -103,7 +102,7 @@ def test_the_picture_changes(opened: Any) -> None:
     """It is as large as the camera's, and what it shows moves."""
     width, height, first = js(opened, PIXELS)
     assert (width, height) == (640, 480)
-    wait_for(lambda: js(opened, PIXELS)[2] != first, "another picture")
+    wait_until(lambda: js(opened, PIXELS)[2] != first, "another picture")
 
 
 def test_the_outlines_are_the_taps(opened: Any, folder: Path) -> None:
@@ -111,7 +110,7 @@ def test_the_outlines_are_the_taps(opened: Any, folder: Path) -> None:
     told: dict[int, dict[int, Any]] = {}
     with connect(folder / "tap.sock") as tap:
         threading.Thread(target=_listen, args=(tap, told), daemon=True).start()
-        shown = wait_for(lambda: _shown_of(opened, told), "a frame that both have told")
+        shown = wait_until(lambda: _shown_of(opened, told), "a frame that both have told")
     for marker_id, corners in shown["panels"]:
         assert np.abs(np.array(corners) - np.array(told[shown["seq"]][marker_id])).max() < 2.0
     boxes = "const r = e => document.getElementById(e).getBoundingClientRect().toJSON();"
@@ -136,7 +135,7 @@ def _shown_of(driver: Any, told: dict[int, dict[int, Any]]) -> Any:
 
 def test_the_map_shows_the_robot_where_it_is(opened: Any) -> None:
     """Within 5 cm and, as it is 15 times as large as that, on its own path; both panels are there."""
-    wait_for(lambda: js(opened, "return document.querySelector('#map .robot') !== null"), "the robot")
+    wait_until(lambda: js(opened, "return document.querySelector('#map .robot') !== null"), "the robot")
     config = load_config(None, ("panels.side_m=0.16",))
     sensor = simulated_sensor(config.camera, config.panels)
     drive = simulated_drive(sensor, {i: config.panels.spec(i) for i in DRIVE_IDS}, "DICT_4X4_50")
@@ -164,7 +163,7 @@ def test_age_focus_and_light_are_told(opened: Any) -> None:
 def test_the_configuration_is_shown_with_where_values_are_from(opened: Any, folder: Path) -> None:
     """Every key; what --set gave says so."""
     js(opened, "document.getElementById('config').open = true")
-    rows = wait_for(
+    rows = wait_until(
         lambda: js(
             opened, "return [...document.querySelectorAll('#keys tr')].map(r => [...r.cells].map(c => c.textContent))"
         ),
@@ -182,7 +181,7 @@ def test_bands_are_amplified(opened: Any) -> None:
         "const c = document.getElementById('picture'); const d = c.getContext('2d').getImageData(0, 0, 640, 480).data; "
         "let sum = 0; for (let i = 0; i < d.length; i += 4) sum += d[i]; return 4 * sum / d.length"
     )
-    wait_for(lambda: "bands ±" in text(opened, "seq"), "amplified bands")
+    wait_until(lambda: "bands ±" in text(opened, "seq"), "amplified bands")
     assert js(opened, grey) == pytest.approx(127, abs=12)
     choose(opened, "plain")
 
@@ -213,7 +212,7 @@ def still(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[A
 
 def test_a_row_shows_id_and_distance(still: Any) -> None:
     """Within 1 % of the truth."""
-    row = wait_for(
+    row = wait_until(
         lambda: js(
             still,
             "const r = document.querySelector('#panels tr[data-id=\"7\"]');"
@@ -230,7 +229,7 @@ def test_why_not_says_that_frequencies_are_swapped(still: Any) -> None:
     choose(still, "whynot")
     script = """const q = document.querySelector('#overlay .dropped.panel'), i = document.querySelector('#reasons li');
       return q && i ? [i.innerText, [...q.points].map(c => [c.x, c.y])] : null"""
-    told, corners = wait_for(lambda: _with_words(js(still, script), "ID 11 with its two frequencies swapped"), "why")
+    told, corners = wait_until(lambda: _with_words(js(still, script), "ID 11 with its two frequencies swapped"), "why")
     assert "What helps: exchange" in told
     assert np.mean(corners, axis=0) == pytest.approx(PLACE_PX, abs=8.0)
     labels = js(still, "return [...document.querySelectorAll('#overlay .dropped-text')].map(t => t.textContent)")
@@ -245,10 +244,10 @@ def _with_words(found: Any, words: str) -> Any:
 def test_shapes_that_are_no_panels_are_not_told_of(still: Any) -> None:
     """The wall has some: they are outlined faintly, and counted by reason behind a line that opens."""
     choose(still, "whynot")
-    wait_for(lambda: js(still, "return document.querySelector('#overlay .dropped.shape') !== null"), "a shape")
+    wait_until(lambda: js(still, "return document.querySelector('#overlay .dropped.shape') !== null"), "a shape")
     assert js(still, "return document.querySelectorAll('#reasons li').length") == 1
     js(still, "document.getElementById('shapes').open = true")
-    wait_for(lambda: "find.at_picture_border" in text(still, "shape-counts"), "the counts")
+    wait_until(lambda: "find.at_picture_border" in text(still, "shape-counts"), "the counts")
     choose(still, "plain")
 
 
@@ -261,12 +260,12 @@ def test_the_last_seconds_are_what_the_tap_told(chromium: Any, tmp_path: Path) -
     with ended(start_daemon(tmp_path)), view(tmp_path) as page:
         chromium.get("about:blank")
         chromium.get(page.address)
-        wait_for(lambda: (tmp_path / "tap.sock").exists() and _answers(tmp_path), "the daemon")
+        wait_until(lambda: (tmp_path / "tap.sock").exists() and _answers(tmp_path), "the daemon")
         with connect(tmp_path / "tap.sock") as tap:
             threading.Thread(target=_keep, args=(tap, told), daemon=True).start()
-            wait_for(lambda: re.fullmatch(r"Save the last ([4-9]|1\d) s", text(chromium, "save")), "some seconds")
+            wait_until(lambda: re.fullmatch(r"Save the last ([4-9]|1\d) s", text(chromium, "save")), "some seconds")
             chromium.find_element("id", "save").click()
-            saved = wait_for(lambda: re.search(r"machine: (\S+)$", text(chromium, "done")), "where it is")
+            saved = wait_until(lambda: re.search(r"machine: (\S+)$", text(chromium, "done")), "where it is")
     command = ["decode", "--as-live", "--set", f"map={tmp_path}/markers.yaml", saved[1]]
     done = subprocess.run([*COMMAND, *command], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -287,36 +286,36 @@ def test_each_button_says_what_it_has_done(opened: Any) -> None:
     """Recording begins and ends; the picture goes to the browser; the best so far is forgotten."""
     opened.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "deny"})
     opened.find_element("id", "record").click()
-    wait_for(lambda: text(opened, "record") == "Stop the recording", "that it records")
+    wait_until(lambda: text(opened, "record") == "Stop the recording", "that it records")
     time.sleep(1.0)
     opened.find_element("id", "record").click()
-    wait_for(
+    wait_until(
         lambda: re.search(r"Recorded on the daemon's machine: \S+-recorded$", text(opened, "done")), "the recording"
     )
-    wait_for(lambda: text(opened, "record") == "Start a recording", "that it has ended")
+    wait_until(lambda: text(opened, "record") == "Start a recording", "that it has ended")
     opened.find_element("id", "keep").click()
-    wait_for(lambda: re.search(r"Saved by this browser as ledpi-frame-\d+\.png", text(opened, "done")), "the picture")
+    wait_until(lambda: re.search(r"Saved by this browser as ledpi-frame-\d+\.png", text(opened, "done")), "the picture")
     before = float(text(opened, "best"))
     js(opened, "document.getElementById('forget').click()")
-    assert 0 < wait_for(lambda: float(text(opened, "best")), "a new best") <= before
+    assert 0 < wait_until(lambda: float(text(opened, "best")), "a new best") <= before
 
 
 def test_a_recording_is_listed_downloaded_and_deleted(opened: Any, folder: Path, tmp_path: Path) -> None:
     """Gets a tar file of the take; a question comes before it is gone."""
     takes = folder / "state/ledpi/takes"
     with connect(folder / "tap.sock") as tap:
-        name = Path(tap.ask("record", DEADLINE_S, seconds=1)["path"]).name
+        name = Path(tap.ask("record", limit_s(), seconds=1)["path"]).name
     opened.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
     js(opened, "document.getElementById('takes').open = true")
     row = f"document.querySelector('#takes-rows tr[title=\"{name}\"]')"
-    wait_for(lambda: js(opened, f"return {row} !== null"), "the recording's row")
+    wait_until(lambda: js(opened, f"return {row} !== null"), "the recording's row")
     assert js(opened, f"return [...{row}.cells].slice(1, 4).map(c => c.textContent)") == [
         "recording",
         str(len(list((takes / name / "frames").iterdir()))),
         "whole",
     ]
     js(opened, f"{row}.querySelectorAll('button')[0].click()")
-    wait_for((tmp_path / f"{name}.tar").exists, "the download")
+    wait_until((tmp_path / f"{name}.tar").exists, "the download")
     with tarfile.open(tmp_path / f"{name}.tar") as archive:
         file = archive.extractfile(f"{name}/live.jsonl")
         assert file is not None
@@ -326,7 +325,7 @@ def test_a_recording_is_listed_downloaded_and_deleted(opened: Any, folder: Path,
     assert (takes / name).is_dir()
     opened.find_element("xpath", f"//button[@aria-label='Delete {name}']").click()
     opened.switch_to.alert.accept()
-    wait_for(lambda: js(opened, f"return {row} === null"), "that the row is gone")
+    wait_until(lambda: js(opened, f"return {row} === null"), "that the row is gone")
     assert not (takes / name).exists()
 
 
@@ -341,10 +340,10 @@ def test_a_wrong_token_gets_a_question_and_no_picture(chromium: Any, tmp_path: P
     ):
         chromium.get("about:blank")
         chromium.get(f"http://127.0.0.1:{page.port}/#token=wrong-token-here")
-        wait_for(lambda: chromium.find_element("id", "login").is_displayed(), "the question for the token")
+        wait_until(lambda: chromium.find_element("id", "login").is_displayed(), "the question for the token")
         assert not chromium.find_element("id", "page").is_displayed()
         chromium.find_element("id", "token").send_keys(page.token + "\n")
-        wait_for(lambda: js(chromium, "return document.getElementById('figure').dataset.seq"), "a picture")
+        wait_until(lambda: js(chromium, "return document.getElementById('figure').dataset.seq"), "a picture")
         assert chromium.find_element("id", "page").is_displayed()
 
 
@@ -352,7 +351,7 @@ def test_without_the_token_it_is_asked_for_on_this_machine_too(chromium: Any, pa
     """Another user of it opens the bare address, and sees nothing."""
     chromium.get("about:blank")
     chromium.get(f"http://localhost:{page.port}/")  # another origin than the others' 127.0.0.1: it holds no token
-    wait_for(lambda: chromium.find_element("id", "login").is_displayed(), "the question for the token")
+    wait_until(lambda: chromium.find_element("id", "login").is_displayed(), "the question for the token")
     assert not chromium.find_element("id", "page").is_displayed()
 
 
@@ -377,7 +376,7 @@ def test_a_phone_shows_it_without_scrolling_sideways(page: Page, width: int, kin
     fill += "arguments[0].forEach((text, k) => { row.cells[k].textContent = text; });"
     with browser((width, PHONE[1]), phone=True) as phone:
         phone.get(page.address)
-        wait_for(
+        wait_until(
             lambda: js(phone, "return document.querySelectorAll('#panels tbody tr').length > 1"), "the panels' rows"
         )
         choose(phone, kind)
@@ -393,16 +392,16 @@ def test_a_daemon_that_was_killed_and_started_again(chromium: Any, tmp_path: Pat
         with ended(start_daemon(tmp_path)) as first:
             chromium.get("about:blank")
             chromium.get(page.address)
-            wait_for(lambda: js(chromium, "return document.querySelector('#overlay .panel') !== null"), "a panel")
+            wait_until(lambda: js(chromium, "return document.querySelector('#overlay .panel') !== null"), "a panel")
             first.send_signal(signal.SIGKILL)
-            wait_for(lambda: "ended" in text(chromium, "notice"), "that it has ended")
+            wait_until(lambda: "ended" in text(chromium, "notice"), "that it has ended")
             assert text(chromium, "state") == "no daemon"
         with ended(start_daemon(tmp_path)):
-            wait_for(lambda: _answers(tmp_path), "the new daemon")
+            wait_until(lambda: _answers(tmp_path), "the new daemon")
             answered_s = time.monotonic()
-            wait_for(lambda: not chromium.find_element("id", "blank").is_displayed(), "a picture")
+            wait_until(lambda: not chromium.find_element("id", "blank").is_displayed(), "a picture")
             assert time.monotonic() - answered_s < BACK_S * slowness()
-            wait_for(lambda: "has restarted" in text(chromium, "notice"), "that it is back")
+            wait_until(lambda: "has restarted" in text(chromium, "notice"), "that it is back")
 
 
 def _answers(folder: Path) -> bool:

@@ -18,7 +18,8 @@ import pytest
 from ledpi.view.connections import MOST
 from tests.builders import ROOT
 from tests.builders.made_up_daemon import LARGE, MadeUpDaemon
-from tests.builders.view import Page, view, wait_for, watched
+from tests.builders.view import Page, view, watched
+from tests.builders.waiting import wait_until
 
 VIEWERS = 50
 WATCHED_S = 8.0
@@ -29,7 +30,7 @@ def page(tmp_path: Path) -> Iterator[Page]:
     """The page of a daemon that shows pictures of 640 × 480."""
     daemon = MadeUpDaemon(tmp_path / "tap.sock", hello=LARGE)
     with view(tmp_path) as opened:
-        wait_for(lambda: opened.ask("/api/state")["link"]["state"] == "up", "the daemon")
+        wait_until(lambda: opened.ask("/api/state")["link"]["state"] == "up", "the daemon")
         yield opened
     daemon.close()
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from tests.builders.faults import FAULTS, RIGHT, Fault
-from tests.builders.view import COMMAND, DEADLINE_S, ended, start_still_daemon, view, wait_for
+from tests.builders.view import COMMAND, ended, start_still_daemon, view
+from tests.builders.waiting import limit_s, wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.alone]  # a daemon, and three commands beside it, for each fault
 TRIES = 4  # of `monitor`, for longer each time: on a busy machine a guess takes some seconds
@@ -31,7 +32,7 @@ def folder(fault: Fault, tmp_path_factory: pytest.TempPathFactory) -> Iterator[P
     folder.mkdir(mode=0o700)
     name = next((name for name, one in FAULTS.items() if one is fault), "nothing")
     with ended(start_still_daemon(folder, name)):
-        wait_for(lambda: (folder / "tap.sock").exists(), "the daemon's tap")
+        wait_until(lambda: (folder / "tap.sock").exists(), "the daemon's tap")
         yield folder.parent
 
 
@@ -40,7 +41,7 @@ def ledpi(folder: Path, *arguments: str) -> str:
     environment = os.environ | {"XDG_RUNTIME_DIR": str(folder)}
     command = [*COMMAND, *arguments]
     done = subprocess.run(
-        command, cwd=folder / "ledpi", env=environment, capture_output=True, text=True, check=False, timeout=DEADLINE_S
+        command, cwd=folder / "ledpi", env=environment, capture_output=True, text=True, check=False, timeout=limit_s(30)
     )
     assert "Traceback" not in done.stderr
     return re.sub(r"\s+", " ", done.stdout)
@@ -54,7 +55,7 @@ def is_told(said: str, fault: Fault) -> bool:
 def test_the_page_says_it(fault: Fault, folder: Path) -> None:
     """In the view `why not`."""
     with view(folder / "ledpi") as page:
-        end_s, told = time.monotonic() + DEADLINE_S, []
+        end_s, told = time.monotonic() + limit_s(), []
         while time.monotonic() < end_s:
             told = [one["says"] for one in page.frame("whynot")["why_not"] if one["kind"] != "shape"]
             if not fault.says or any(fault.says in says for says in told):

@@ -24,10 +24,10 @@ from ledpi.core.records import Frame, Pixels
 from ledpi.runtime.daemon import Daemon
 from ledpi.tools.doctor.camera import camera as camera_findings
 from ledpi.wire import NoFix, State
-from tests.builders import DEADLINE_S
 from tests.builders.daemon import controller, slowness
 from tests.builders.virtual_panels import IDS, SETTINGS, rendered
 from tests.builders.virtual_picamera2 import ROW_US, Behaviour, show, unplug
+from tests.builders.waiting import limit_s
 
 QUIET_S = 0.2  # promised until "no fix" is on the wire
 RETURN_S = 2.0  # and until a camera that is there again is in use
@@ -63,7 +63,7 @@ def running(port: str) -> Iterator[Daemon]:
         yield daemon
     finally:
         daemon.stop()
-        thread.join(DEADLINE_S)
+        thread.join(limit_s())
         assert not thread.is_alive()
     if failed:
         raise failed[0]
@@ -76,7 +76,7 @@ def test_the_right_ids_arrive(behaviour: Behaviour, pictures: list[Pixels], tmp_
     given = (*SETTINGS, f"camera.exposure_us={int(314 * ROW_US)}")
     command = [sys.executable, "-c", "from ledpi.cli import main; main()", "decode", *map(str, files)]
     command += [part for item in given for part in ("--set", item)]
-    lines = subprocess.run(command, capture_output=True, text=True, check=True, timeout=DEADLINE_S).stdout.splitlines()
+    lines = subprocess.run(command, capture_output=True, text=True, check=True, timeout=limit_s(30)).stdout.splitlines()
     decoded = [{marker["id"] for marker in json.loads(line)["markers"]} for line in lines]
     assert decoded == [set(IDS)] * len(files)
     with controller() as line, running(line.port):

@@ -21,8 +21,9 @@ from ledpi.camera.picamera_stream import ASKED_AHEAD, STALL_PERIODS, PicameraCam
 from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError, CameraLostError
 from ledpi.core.records import Frame, Pixels, Rejected
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
 from tests.builders.virtual_picamera2 import ROW_US, Behaviour, VirtualPicamera2, show, unplug
+from tests.builders.waiting import limit_s
 
 CLASSES_HZ = (1250.0, 2450.0)
 
@@ -332,7 +333,7 @@ def test_stopping_while_frames_come(behaviour: Behaviour) -> None:
     while len(got) < 5:
         time.sleep(0.01)
     camera.close()
-    reader.join(DEADLINE_S)
+    reader.join(limit_s())
     assert not reader.is_alive()
 
 
@@ -358,7 +359,7 @@ def test_libcamera_judges_the_controls(behaviour: Behaviour) -> None:
     In a process of its own, as libcamera may end one whose start has failed.
     """
     command = [sys.executable, "-c", WRONG_TYPE, "10000"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=DEADLINE_S)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=limit_s(30))
     at_the_start = r"CameraLostError picamera2 \S+, libcamera \S+: TypeError: "
     assert re.match(at_the_start, done.stdout), done.stdout + done.stderr
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import resource
 import struct
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +17,11 @@ from wpiutil.log import DataLogReader, DataLogRecord
 
 from ledpi.config.map_yaml import map_text
 from ledpi.simulate.scenes import drive_map
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders.command import ledpi
 from tests.builders.daemon import write_recording
 
-LEDPI = [sys.executable, "-m", "ledpi"]
 FRAMES = 12
 OFFSET_NS = 1790000000123456789
-
-
-def ledpi(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
-    command = [*LEDPI, *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=False, **options)
 
 
 @pytest.fixture(scope="module")

@@ -25,10 +25,11 @@ from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
-from tests.builders import DEADLINE_S, ROOT
-from tests.builders.command import Run, complaint, in_process
+from tests.builders import ROOT
+from tests.builders.command import LEDPI, Run, complaint, in_process
+from tests.builders.command import ledpi as own_process
 
-COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "decode"]
+COMMAND = [*LEDPI, "decode"]
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 FRAMES = 4
 TIME_OF_LINE_2 = round(1e9 + 504 * 33.67e3)
@@ -69,8 +70,7 @@ def lines(text: str) -> list[dict[str, Any]]:
 
 
 def process(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [*COMMAND, *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
+    return own_process("decode", *arguments)
 
 
 @pytest.fixture
@@ -220,9 +220,7 @@ def test_progress_is_shown_on_a_terminal_only(kept: Path) -> None:
     """On standard error, where that is a terminal; standard output stays JSON."""
     master, slave = os.openpty()
     try:
-        done = subprocess.run(
-            [*COMMAND, str(kept / "one")], cwd=ROOT, stdout=subprocess.PIPE, stderr=slave, text=True, timeout=DEADLINE_S
-        )
+        done = own_process("decode", kept / "one", capture_output=False, stdout=subprocess.PIPE, stderr=slave)
         os.set_blocking(master, False)
         shown = os.read(master, 100_000).decode(errors="ignore")  # a long one is cut somewhere
     finally:

@@ -14,9 +14,10 @@ import pytest
 
 from ledpi import __version__
 from ledpi.__main__ import main
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
 from tests.builders.command import in_process
 from tests.builders.daemon import write_recording
+from tests.builders.waiting import limit_s
 
 CTRL_C = "import signal\nsignal.raise_signal(signal.SIGINT)\n"
 # Exceptions in an import may be caught there: by importlib itself, or where a module has a substitute.
@@ -40,7 +41,7 @@ def ended(arguments: list[str], folder: Path, typer: str, *, ignoring: bool = Fa
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=DEADLINE_S,
+        timeout=limit_s(30),
     )
     return done.returncode, done.stderr
 
@@ -78,7 +79,7 @@ def test_a_terminal_that_is_not_utf_8_gets_escapes() -> None:
         env=os.environ | {"PYTHONIOENCODING": "latin-1"},
         cwd=ROOT,
         capture_output=True,
-        timeout=DEADLINE_S,
+        timeout=limit_s(30),
     )
     assert (done.returncode, done.stderr) == (1, b"")
     assert done.stdout.startswith(b"\\u2717 configuration")
@@ -92,7 +93,7 @@ def test_it_says_its_version() -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=DEADLINE_S,
+        timeout=limit_s(30),
     )
     assert done.stdout == f"ledpi {__version__}\n"
 
@@ -142,7 +143,7 @@ def test_a_warning_looks_as_an_error_does(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=DEADLINE_S,
+        timeout=limit_s(30),
     )
     assert len(done.stdout.splitlines()) == 1
     assert done.stderr.startswith(f"ledpi: {tmp_path}/take\\nold/frames.jsonl: line 2: is cut off; ")
@@ -167,6 +168,6 @@ def test_a_shell_can_complete_commands(typed: str, completed: str) -> None:
         env=os.environ | asked,
         capture_output=True,
         text=True,
-        timeout=DEADLINE_S,
+        timeout=limit_s(30),
     )
     assert done.stdout.split() == [completed]

@@ -18,7 +18,8 @@ import pytest
 
 from ledpi.wire import NoFix, State, StatusMessage
 from ledpi.wire.codec import encode
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
+from tests.builders.waiting import limit_s
 from tests.builders.wire import vectors
 
 # Typer drops the name of a command that is the only one, so this one is made not to be.
@@ -40,7 +41,7 @@ HELLO = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     """A monitor that ends by itself."""
     command = [*COMMAND, *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=limit_s(30))
 
 
 class Monitored:
@@ -58,7 +59,7 @@ class Monitored:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
-        self._deadline = threading.Timer(DEADLINE_S, self.process.kill)
+        self._deadline = threading.Timer(limit_s(60), self.process.kill)
         self._deadline.start()
         self._wait_until_it_listens()
 
@@ -87,7 +88,7 @@ class Monitored:
         """Exit status and the lines on standard error."""
         if signal_number is not None:
             self.process.send_signal(signal_number)
-        _, errors = self.process.communicate(timeout=DEADLINE_S)
+        _, errors = self.process.communicate(timeout=limit_s())
         return self.process.returncode, errors.splitlines()
 
     def close(self) -> None:

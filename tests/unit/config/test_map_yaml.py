@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M, load_map, map_text
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Floats
 from ledpi.pose.panel_map import MapPanel, PanelMap
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders.command import ledpi
 
 HALF = math.sqrt(0.5)
 
@@ -282,12 +280,6 @@ def test_a_mistake_in_a_layout_is_named(tmp_path: Path, change: Any, message: st
     with pytest.raises(ConfigError) as error:
         load_layout(path)
     assert message in str(error.value)
-
-
-def ledpi(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from ledpi.cli import main; main()", *map(str, arguments)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S, env=environment)
 
 
 def test_map_import_and_export_keep_the_older_file(tmp_path: Path) -> None:

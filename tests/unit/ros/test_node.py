@@ -22,7 +22,7 @@ from rosbags.interfaces import Nodetype
 from ledpi.ros.types import types as store
 from tests.builders import ROOT
 from tests.builders.made_up_daemon import MadeUpDaemon
-from tests.builders.tap import wait_until
+from tests.builders.waiting import wait_until
 
 PACKAGE = ROOT / "ros/ledpi_ros"
 

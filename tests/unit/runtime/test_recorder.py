@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -27,11 +26,11 @@ from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
 from ledpi.runtime.recorder import BEHIND, WAITING, Recorder
 from ledpi.runtime.take_writer import LIVE_FILE, TakeWriter
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
+from tests.builders.command import LEDPI, ledpi
 from tests.builders.daemon import SIMULATED as SETTINGS
-from tests.builders.tap import wait_until
+from tests.builders.waiting import limit_s, wait_until
 
-COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 INFO = CameraInfo(width=64, height=48, exposure_us=1e4, row_time_us=31.75, transfer="linear", frame_length_rows=504)
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 SIMULATED = tuple(part for setting in SETTINGS for part in ("--set", setting))
@@ -62,7 +61,7 @@ class Slow(Pipeline):
     gate = threading.Event()
 
     def decode(self, frame: Frame, trace: object = None) -> Decoded:
-        self.gate.wait(DEADLINE_S)
+        self.gate.wait(limit_s())
         return super().decode(frame)
 
 
@@ -81,9 +80,7 @@ def recorder(folder: Path, camera: Camera, pipeline: type[Pipeline] = Pipeline) 
 
 
 def record(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, "record", *arguments], cwd=ROOT, capture_output=True, text=True, check=False, timeout=DEADLINE_S
-    )
+    return ledpi("record", *arguments)
 
 
 def test_every_frame_is_kept_in_order(tmp_path: Path) -> None:
@@ -122,7 +119,7 @@ def test_a_slow_disk_never_holds_the_camera_up(tmp_path: Path, monkeypatch: pyte
     waiting, write = threading.Event(), RecordingWriter.write
 
     def slow(self: RecordingWriter, *arguments: Any, **options: Any) -> int:
-        waiting.wait(DEADLINE_S)
+        waiting.wait(limit_s())
         return write(self, *arguments, **options)
 
     class Ending(Steps):
@@ -147,7 +144,7 @@ def test_where_frames_pile_up_none_is_decoded(tmp_path: Path, monkeypatch: pytes
     blocked, write = threading.Event(), RecordingWriter.write
 
     def slow(self: RecordingWriter, *arguments: Any, **options: Any) -> int:
-        blocked.wait(DEADLINE_S)
+        blocked.wait(limit_s())
         return write(self, *arguments, **options)
 
     class Paced(Steps):
@@ -191,7 +188,7 @@ def test_a_bug_in_an_encoder_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyP
     may_fail = threading.Event()
 
     def broken(pixels: Pixels) -> bytes:
-        may_fail.wait(DEADLINE_S)
+        may_fail.wait(limit_s())
         raise ZeroDivisionError("a bug")
 
     monkeypatch.setattr("ledpi.runtime.recorder.encode_picture", broken)
@@ -207,7 +204,7 @@ def test_a_bug_in_an_encoder_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     running = threading.Thread(target=run, daemon=True)
     running.start()
-    running.join(timeout=DEADLINE_S)
+    running.join(limit_s())
     assert [str(error) for error in ended] == ["a bug"]
 
 
@@ -224,8 +221,7 @@ def test_a_replay_decodes_as_live(tmp_path: Path) -> None:
     take = tmp_path / "take"
     done = record(str(take), "--seconds", "1.5", *SIMULATED)
     assert done.returncode == 0, done.stderr
-    command = [*COMMAND, "decode", "--as-live", str(take)]
-    replay = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=DEADLINE_S).stdout
+    replay = ledpi("decode", "--as-live", take).stdout
     live = [json.loads(line) for line in (take / LIVE_FILE).read_text().splitlines()]
     again = [json.loads(line) for line in replay.splitlines()]
     for line in live + again:
@@ -238,14 +234,11 @@ def test_a_replay_decodes_as_live(tmp_path: Path) -> None:
 def test_ctrl_c_ends_it_in_order(tmp_path: Path) -> None:
     """Writes what was captured, and the summary tells of it; exit status 0."""
     take = tmp_path / "take"
-    command = [*COMMAND, "record", str(take), "--seconds", "600", *SIMULATED]
+    command = [*LEDPI, "record", str(take), "--seconds", "600", *SIMULATED]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + DEADLINE_S
-        while not (take / "frames").is_dir() or len(os.listdir(take / "frames")) < 5:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_until(lambda: (take / "frames").is_dir() and len(os.listdir(take / "frames")) >= 5)
         process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=DEADLINE_S)[0]
+        said = process.communicate(timeout=limit_s())[0]
         assert process.returncode == 0
     frames = load_recording(take).frames
     assert said.startswith(f"{take}: {len(frames)} frames, ")
@@ -276,7 +269,7 @@ def test_an_undecoded_frame_is_left_out_as_live(tmp_path: Path) -> None:
             frame = Steps(seq).read(np.zeros((48, 64), np.uint8))
             assert isinstance(frame, Frame)
             writer.write(frame, decoded=decoded)
-    command = [*COMMAND, "decode", str(tmp_path / "take")]
+    command = [*LEDPI, "decode", str(tmp_path / "take")]
     seqs = [
         [
             json.loads(line)["seq"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from ledpi.runtime.rewind_ring import RewindRing
 from ledpi.runtime.rewind_writer import MAX_WAITING, RewindWriter
 from ledpi.runtime.take_writer import LIVE_FILE
 from ledpi.runtime.takes import MAX_AUTOMATIC, Shown
-from tests.builders import ROOT
+from tests.builders.command import ledpi
 from tests.builders.rewind import (
     DRIVE,
     Stream,
@@ -30,11 +29,10 @@ from tests.builders.rewind import (
     stream,
     without_times,
 )
+from tests.builders.waiting import limit_s
 
-COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 COUNT = 16
-PATIENCE_S = 120.0
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +61,13 @@ def saved(drive: Stream, folder: Path, first: int = 0, budgets: Sequence[int] = 
     ring = ring_with(drive, first, budgets)
     writer = writer_of(ring, folder, drive)
     try:
-        return writer.write("asked", ring.take()).result(PATIENCE_S)
+        return writer.write("asked", ring.take()).result(limit_s())
     finally:
         writer.close()
 
 
 def decode(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [*COMMAND, "decode", *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+    return ledpi("decode", *arguments)
 
 
 def lines_of(text: str) -> list[dict[str, object]]:
@@ -158,7 +155,7 @@ def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monke
     with pytest.raises(
         RecordingError, match=r"the daemon ends, and 4 frames more are not written; 12 frames are in .*\.part"
     ):
-        writer.write("asked", ring.take()).result(PATIENCE_S)
+        writer.write("asked", ring.take()).result(limit_s())
     writer.close()
     (part,) = tmp_path.iterdir()
     assert part.name.endswith("-asked.part")
@@ -173,7 +170,7 @@ def test_a_disk_that_is_too_full_is_reported(drive: Stream, tmp_path: Path, monk
     before = ring.room
     writer = writer_of(ring, tmp_path / "takes", drive)
     with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed"):
-        writer.write("asked", ring.take()).result(PATIENCE_S)
+        writer.write("asked", ring.take()).result(limit_s())
     writer.close()
     assert list((tmp_path / "takes").iterdir()) == []
     assert ring.room == before + COUNT
@@ -187,7 +184,7 @@ def test_those_that_nobody_asked_for_do_not_pile_up(drive: Stream, tmp_path: Pat
         (tmp_path / name).mkdir()
     ring = ring_with(drive)
     writer = writer_of(ring, tmp_path, drive)
-    path = writer.write("camera_lost", ring.take()).result(PATIENCE_S)
+    path = writer.write("camera_lost", ring.take()).result(limit_s())
     writer.close()
     assert {p.name for p in tmp_path.iterdir()} == {*old[-MAX_AUTOMATIC + 1 :], *kept, path.name}
 
@@ -198,7 +195,7 @@ def test_two_in_one_second_have_names_of_their_own(drive: Stream, tmp_path: Path
     writer = writer_of(ring, tmp_path, drive)
     kept = ring.take()
     half = len(kept) // 2
-    paths = {writer.write("asked", part).result(PATIENCE_S) for part in (kept[:half], kept[half:])}
+    paths = {writer.write("asked", part).result(limit_s()) for part in (kept[:half], kept[half:])}
     writer.close()
     assert set(tmp_path.iterdir()) == paths
     assert len(paths) == 2

@@ -31,7 +31,8 @@ from ledpi.tap.frames import camera_of, frame_of, settings_of
 from ledpi.tap.protocol import MAX_REQUEST_BYTES
 from ledpi.tap.server import CLIENTS_SHARE, MOST_WAITING_BYTES, PACE_S, Tap
 from tests.builders import ROOT
-from tests.builders.tap import CAMERA, DEADLINE_S, HEIGHT, SETUP, WIDTH, Raw, decoded, frame, show, tap_at, wait_until
+from tests.builders.tap import CAMERA, HEIGHT, SETUP, WIDTH, Raw, decoded, frame, show, tap_at
+from tests.builders.waiting import limit_s, wait_until
 
 FLOOD = 500  # requests
 
@@ -414,7 +415,7 @@ def test_the_65th_client_is_sent_away(tap: Tap) -> None:
 def test_a_command_is_done_beside_all_else(tap: Tap) -> None:
     """It takes its time; meanwhile frames go on, and a second one of its kind is put off."""
     gate = threading.Event()
-    tap.offer("save", lambda request: {"path": f"/saved/{gate.wait(DEADLINE_S)}"})
+    tap.offer("save", lambda request: {"path": f"/saved/{gate.wait(limit_s())}"})
     client = follow(tap)
     client.send({"do": "save", "id": 1})
     client.send({"do": "save", "id": 2})
@@ -482,7 +483,7 @@ def test_only_who_may_gives_commands(is_member: bool, monkeypatch: pytest.Monkey
             tap.offer("record", lambda request: {"path": "/saved"})
             groups = ["4", "54321"] if is_member else ["4"]
             command = [sys.executable, "-c", AS_NOBODY, str(path), *groups]
-            done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, cwd="/", check=True)
+            done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s(30), cwd="/", check=True)
     may, answer = done.stdout.splitlines()
     assert may == ("['record']" if is_member else "[]")
     assert ("'/saved'" in answer) is is_member

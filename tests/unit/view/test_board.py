@@ -20,8 +20,8 @@ from ledpi.tools.calibrate.boards import Board
 from ledpi.view import board as board_module
 from ledpi.view.board import BoardWatch, board_of
 from ledpi.view.pictures import Pictures
-from tests.builders import DEADLINE_S
 from tests.builders.made_up_daemon import HELLO, decoded
+from tests.builders.waiting import limit_s
 
 
 class Shown(Pictures):
@@ -59,7 +59,7 @@ def watch(monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardWatch]:
 def test_a_board_gives_the_lens(watch: BoardWatch, tmp_path: Path) -> None:
     """Finds the focal length within 1 %; on the way it was told how to hold the board."""
     said = set()
-    end_s = time.monotonic() + DEADLINE_S
+    end_s = time.monotonic() + limit_s(60)
     while (told := watch.told())["runs"]:
         assert time.monotonic() < end_s, told
         said.add(told["says"])

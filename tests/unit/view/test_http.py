@@ -24,9 +24,8 @@ from ledpi.view import connections, pictures
 from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard
 from ledpi.view.hub import Hub
 from ledpi.view.server import Handler, ViewServer
-from tests.builders import DEADLINE_S
 from tests.builders.made_up_daemon import HEALTH, PANEL, PIECE_BYTES, TAKE, TAKE_BYTES, MadeUpDaemon
-from tests.builders.tap import wait_until
+from tests.builders.waiting import limit_s, wait_until
 
 TOKEN = "a-token-of-this-test"
 RIGHT = {"Authorization": f"Bearer {TOKEN}"}
@@ -49,7 +48,7 @@ class Site:
 
     def ask(self, method: str, path: str, headers: dict[str, str] = RIGHT, body: bytes | None = None) -> Answer:
         """With the token, unless the headers are others."""
-        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=DEADLINE_S)) as connection:
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=limit_s())) as connection:
             connection.request(method, path, body, headers)
             answer = connection.getresponse()
             return Answer(answer.status, dict(answer.getheaders()), answer.read())
@@ -62,15 +61,16 @@ class Site:
 
     def state_once(self, link: str) -> dict[str, Any]:
         """The state, as soon as the daemon is so."""
-        end_s = time.monotonic() + DEADLINE_S
-        while (state := self.ask("GET", "/api/state").json())["link"]["state"] != link:
-            assert time.monotonic() < end_s, state
-            time.sleep(0.02)
-        return state
+
+        def state() -> dict[str, Any] | None:
+            told: dict[str, Any] = self.ask("GET", "/api/state").json()
+            return told if told["link"]["state"] == link else None
+
+        return wait_until(state, f"a daemon that is {link}") or {}
 
     def raw(self) -> socket.socket:
         """A connection of one's own."""
-        return socket.create_connection(("127.0.0.1", self.port), timeout=DEADLINE_S)
+        return socket.create_connection(("127.0.0.1", self.port), timeout=limit_s())
 
     def close(self) -> None:
         self.server.shutdown()
@@ -244,13 +244,10 @@ def test_what_another_map_has_told_is_not_drawn_in_this_one(
 ) -> None:
     """After a restart with another map there is no track and no panel of before; with the same, none, they stay."""
     daemon.frame = {"robot": HERE}
-    end_s = time.monotonic() + DEADLINE_S
-    while not site.ask("GET", "/api/history").json()["track"]:
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
+    wait_until(lambda: site.ask("GET", "/api/history").json()["track"])
     daemon.close()
     site.state_once("down")
-    again = MadeUpDaemon(tmp_path / "tap.sock", hello={"map": panel_map}, frame_s=DEADLINE_S)
+    again = MadeUpDaemon(tmp_path / "tap.sock", hello={"map": panel_map}, frame_s=3600.0)
     try:
         state = site.state_once("up")
         assert bool(state["panels"]) == bool(site.ask("GET", "/api/history").json()["track"]) == (panel_map is None)
@@ -435,7 +432,7 @@ def test_bytes_that_drip_hold_no_connection(site: Site, monkeypatch: pytest.Monk
     with site.raw() as connection:
         start_s, ended = time.monotonic(), False
         while not ended:
-            assert time.monotonic() < start_s + DEADLINE_S, "the connection is held"
+            assert time.monotonic() < start_s + limit_s(), "the connection is held"
             try:
                 connection.sendall(b"G")
                 connection.settimeout(0.05)
@@ -458,13 +455,13 @@ def test_one_viewer_too_many_is_told(site: Site, monkeypatch: pytest.MonkeyPatch
         with small.raw() as third:
             assert _all(third).startswith(b"HTTP/1.1 503 ")
         first.close()
-        end_s = time.monotonic() + DEADLINE_S
-        while True:
+
+        def served() -> bool:
             with small.raw() as fourth:
                 fourth.sendall(_request("GET /"))
-                if fourth.recv(12) == b"HTTP/1.1 200":
-                    break
-            assert time.monotonic() < end_s, "the place was not given back"
+                return fourth.recv(12) == b"HTTP/1.1 200"
+
+        wait_until(served, "the place that was given back")
         second.close()
     finally:
         small.close()
@@ -549,7 +546,7 @@ def test_a_picture_is_encoded_once_for_all_viewers_and_15_times_a_second_at_most
     for viewer in viewers:
         viewer.start()
     for viewer in viewers:
-        viewer.join(DEADLINE_S)
+        viewer.join(limit_s())
     took_s = time.monotonic() - start_s
     assert len(seen) == 60
     assert len(encoded) == len(set(seen))
@@ -609,7 +606,7 @@ def test_a_take_is_passed_on_piece_by_piece(site: Site, daemon: MadeUpDaemon) ->
     assert site.ask("GET", "/api/takes").json() == [{"name": TAKE, "frames": 9, "written": False}]
     tracemalloc.start()
     try:
-        with closing(http.client.HTTPConnection("127.0.0.1", site.port, timeout=DEADLINE_S)) as connection:
+        with closing(http.client.HTTPConnection("127.0.0.1", site.port, timeout=limit_s())) as connection:
             connection.request("GET", f"/api/take.tar?name={TAKE}", headers=RIGHT)
             answer = connection.getresponse()
             assert (answer.status, answer.getheader("Content-Type")) == (200, "application/x-tar")

@@ -18,9 +18,9 @@ from ledpi.core.errors import ConfigError
 from ledpi.view import guard
 from ledpi.view.guard import Guard
 from ledpi.view.hub import Hub
-from tests.builders import DEADLINE_S
 from tests.builders.command import complaint, in_process
 from tests.builders.view import view
+from tests.builders.waiting import limit_s
 
 GIVEN = "panels.side_m=0.16"
 
@@ -145,7 +145,7 @@ def test_a_token_is_made_and_printed(tmp_path: Path, address: str) -> None:
         assert page.token != other.token
         assert page.ask("/api/state")["link"]["state"] == "down"
         for token in ("", other.token):
-            with closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=DEADLINE_S)) as connection:
+            with closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=limit_s())) as connection:
                 connection.request("GET", "/api/state", headers={"Authorization": f"Bearer {token}"} if token else {})
                 answer = connection.getresponse()
                 assert answer.status == 401
@@ -157,7 +157,7 @@ def test_a_token_of_the_configuration_is_used(tmp_path: Path) -> None:
     with view(tmp_path, "view.token=chosen-by-me-1") as page:
         assert page.token == "chosen-by-me-1"
         assert page.ask("/api/state")["daemon"] is None
-        with closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=DEADLINE_S)) as connection:
+        with closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=limit_s())) as connection:
             connection.request("GET", "/api/state")
             assert connection.getresponse().status == 401
 
@@ -186,8 +186,8 @@ def test_it_ends_well(tmp_path: Path, number: signal.Signals) -> None:
     """By a service manager or Ctrl-C, while somebody waits for a picture: status 0."""
     with (
         view(tmp_path) as page,
-        closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=DEADLINE_S)) as connection,
+        closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=limit_s())) as connection,
     ):
         connection.request("GET", "/api/frame")
         page.process.send_signal(number)
-        assert page.process.wait(DEADLINE_S) == 0
+        assert page.process.wait(limit_s()) == 0

@@ -36,8 +36,9 @@ from ledpi.wire.message import MarkerMessage, NoFix, State, StatusMessage, fix_m
 from ledpi.wire.outbox import Outbox
 from ledpi.wire.publisher import Publisher
 from ledpi.wire.resets import Resets
-from tests.builders import DEADLINE_S, ROOT
+from tests.builders import ROOT
 from tests.builders.daemon import SIMULATED, daemon, end
+from tests.builders.waiting import limit_s, wait_until
 from tests.builders.wire import decoded, decoded_now, marker_pose, robot_fix
 
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # a panel that hangs upright and faces the camera
@@ -280,11 +281,11 @@ class Autopilot:
         self.messages: list[Any] = []
 
     def read_until(self, condition: Callable[[], bool]) -> None:
-        end_s = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < end_s, f"not in {DEADLINE_S} s; got {self.messages[-5:]}"
-            if select.select([self._master], [], [], 0.02)[0]:
-                self.messages += self._parser.parse_buffer(os.read(self._master, 4096)) or []
+        wait_until(condition, meanwhile=self._read)
+
+    def _read(self) -> None:
+        if select.select([self._master], [], [], 0.02)[0]:
+            self.messages += self._parser.parse_buffer(os.read(self._master, 4096)) or []
 
     def of(self, kind: str) -> list[Any]:
         return [message for message in self.messages if message.get_type() == kind]
@@ -389,7 +390,7 @@ def test_without_pymavlink_run_ends_with_status_2() -> None:
     def run(protocol: str) -> subprocess.CompletedProcess[str]:
         sets = [part for item in [*settings, f"serial.protocol={protocol}"] for part in ("--set", item)]
         command = [sys.executable, "-c", script, "run", "--frames", "1", "--unpaced", *sets]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=limit_s(30))
 
     refused = run("mavlink")
     assert refused.returncode == 2

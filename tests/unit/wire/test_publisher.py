@@ -27,7 +27,7 @@ from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, Stat
 from ledpi.wire.codec import DELIMITER, encode
 from ledpi.wire.line import SerialLine
 from ledpi.wire.publisher import Publisher
-from tests.builders import DEADLINE_S
+from tests.builders.waiting import wait_until
 from tests.builders.wire import decoded_now
 
 
@@ -52,10 +52,7 @@ class FarEnd:
 
     def read_until(self, condition: Callable[[], bool]) -> None:
         """Takes in what comes until the condition holds."""
-        end_s = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < end_s, f"not in {DEADLINE_S} s; last messages: {self.messages[-5:]}"
-            self.read(0.02)
+        wait_until(condition, meanwhile=lambda: self.read(0.02))
 
     def of(self, kind: type[Message]) -> list[Message]:
         return [message for message in self.messages if isinstance(message, kind)]
@@ -98,26 +95,18 @@ def start() -> Iterator[Callable[..., Publisher]]:
         publisher.stop()
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end_s, f"not in {DEADLINE_S} s"
-        time.sleep(0.005)
-
-
 def publisher_threads() -> list[threading.Thread]:
     return [thread for thread in threading.enumerate() if thread.name == "publisher"]
 
 
 def jam(publisher: Publisher, far_end: FarEnd) -> None:
     """Publishes without reading, until the port's buffer is full and poses are replaced where they wait."""
-    end_s = time.monotonic() + DEADLINE_S
-    for n in itertools.count():
-        publisher.publish(decoded_now(n % 50))
-        if far_end.is_full() and publisher.counters.replaced >= 100:
-            return
-        assert time.monotonic() < end_s
-        time.sleep(0.0002)
+    numbers = itertools.count()
+    wait_until(
+        lambda: far_end.is_full() and publisher.counters.replaced >= 100,
+        "a full port",
+        lambda: publisher.publish(decoded_now(next(numbers) % 50)),
+    )
 
 
 Start = Callable[..., Publisher]
