@@ -63,26 +63,21 @@ def test_it_may_begin_with_a_later_frame() -> None:
 
 
 def test_frames_are_the_renderers_in_the_readers_array() -> None:
-    """The picture lands in the array that was given; the frame's view of it is read-only."""
+    """The picture lands in the array that was given; the frame's view is read-only; its values are the scene's."""
     into, expected = buffer(), buffer()
     camera = SimulatedCamera(SCENE, seed=1, paced=False)
     Renderer(SCENE, seed=1).render(0, expected)
-    frame = frame_of(camera, into)
+    info, frame = camera.info, frame_of(camera, into)
     assert frame.pixels.base is into
     assert not frame.pixels.flags.writeable
     assert into.flags.writeable
     np.testing.assert_array_equal(into, expected)
-
-
-def test_info_says_what_the_frames_say() -> None:
-    """Size, exposure, row time, transfer and lens are those of the scene's sensor."""
-    camera = SimulatedCamera(SCENE, seed=1, paced=False)
-    info, frame = camera.info, frame_of(camera, buffer())
     assert (info.height, info.width) == frame.pixels.shape
     assert (info.exposure_us, info.row_time_us, info.transfer) == (9967.0, 33.67, "srgb")
     assert (frame.exposure_us, frame.row_time_us, frame.transfer) == (9967.0, 33.67, "srgb")
-    assert info.frame_length_rows == 504
-    assert info.intrinsics == LENS
+    assert (info.frame_length_rows, info.intrinsics) == (504, LENS)
+    assert [t.id for t in camera.truth(1000)] == [7]  # of any frame
+    np.testing.assert_allclose(camera.truth(0)[0].camera_from_marker.position_m, [0, 0, 1])
 
 
 def test_unpaced_a_frames_read_out_has_just_ended() -> None:
@@ -149,21 +144,22 @@ def test_an_array_of_another_size_is_refused() -> None:
         SimulatedCamera(SCENE, seed=1, paced=False).read(np.empty((240, 320), np.uint8))
 
 
-def test_truth_can_be_asked_for_any_frame() -> None:
-    """By number, before and after the frame was read."""
-    camera = SimulatedCamera(SCENE, seed=1, paced=False)
-    assert [t.id for t in camera.truth(1000)] == [7]
-    np.testing.assert_allclose(camera.truth(0)[0].camera_from_marker.position_m, [0, 0, 1])
-
-
 def test_the_configurations_camera_drives_past_7_and_23() -> None:
-    """Both panels, as configured, with a true exposure of whole rows and a frame period that moves the phases."""
-    camera = open_simulated(config("panels.black_hz=1300", "camera.transfer=linear"), paced=False, frames=1)
+    """Both panels, as configured, with a true exposure of whole rows; an override changes the panel of its ID alone."""
+    settings = ("panels.black_hz=1300", "camera.transfer=linear")
+    camera = open_simulated(config(*settings), paced=False, frames=1)
     assert {t.id for t in camera.truth(100)} == {7, 23}
     assert camera.panel is not None
     assert (camera.panel.dictionary, camera.panel.side_m, camera.panel.black_hz) == ("DICT_4X4_50", 0.16, 1300.0)
     assert camera.info.exposure_us == pytest.approx(9967.127, abs=1e-3)
     assert camera.info.transfer == "linear"
+
+    def size_of_23_to_7(camera: SimulatedCamera) -> float:
+        size = {t.id: np.linalg.norm(t.corners_px[1] - t.corners_px[0]) for t in camera.truth(100)}
+        return float(size[23] / size[7])
+
+    larger = open_simulated(config(*settings, "panels.overrides={23: {side_m: 0.2}}"), paced=False)
+    assert size_of_23_to_7(larger) / size_of_23_to_7(camera) == pytest.approx(0.2 / 0.16, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -180,28 +176,17 @@ def test_the_frame_period_is_whole_rows(overrides: tuple[str, ...], rows: int) -
     assert open_simulated(config(*overrides), paced=False).info.frame_length_rows == rows
 
 
-def test_panels_of_their_own_are_rendered_as_such() -> None:
-    """An override changes the panel of its ID, and only that."""
-
-    def size_of_23_to_7(camera: SimulatedCamera) -> float:
-        size = {t.id: np.linalg.norm(t.corners_px[1] - t.corners_px[0]) for t in camera.truth(100)}
-        return float(size[23] / size[7])
-
-    plain = size_of_23_to_7(open_simulated(config(), paced=False))
-    larger = size_of_23_to_7(open_simulated(config("panels.overrides={23: {side_m: 0.2}}"), paced=False))
-    assert larger / plain == pytest.approx(0.2 / 0.16, rel=0.02)
-
-
-def test_an_impossible_sensor_is_a_configuration_error() -> None:
-    """An exposure that no frame of the simulator holds is told, with the key."""
-    with pytest.raises(ConfigError, match="exposure_us"):
-        open_simulated(config("camera.exposure_us=3000000", "camera.frame_duration_us=4000000"), paced=False)
-
-
-def test_a_picture_that_no_lens_makes_is_a_configuration_error() -> None:
-    """Its recording could not be read again: as narrow as its focal length is short."""
-    with pytest.raises(ConfigError, match=r"^camera: fy: must be 48 to 48000 pixels for pictures of 32 × 480"):
-        open_simulated(config("camera.width=32"), paced=False)
+@pytest.mark.parametrize(
+    ("overrides", "says"),
+    [
+        (("camera.exposure_us=3000000", "camera.frame_duration_us=4000000"), "exposure_us"),
+        (("camera.width=32",), r"^camera: fy: must be 48 to 48000 pixels for pictures of 32 × 480"),
+    ],
+)
+def test_an_impossible_sensor_is_a_configuration_error(overrides: tuple[str, ...], says: str) -> None:
+    """An exposure that no frame holds; a picture as narrow as its focal length is short could not be read again."""
+    with pytest.raises(ConfigError, match=says):
+        open_simulated(config(*overrides), paced=False)
 
 
 def test_a_dictionary_without_the_drives_ids_is_a_configuration_error(tmp_path: Path) -> None:

@@ -107,43 +107,36 @@ def opened(**settings: Any) -> tuple[V4l2Camera, StandIn]:
     return camera, capture
 
 
-def test_a_device_that_does_not_exist_is_named() -> None:
-    """For real: the key and the device."""
-    with pytest.raises(CameraError, match=r"^camera.source: /dev/video77 does not exist"):
-        open_v4l2(CameraSettings(row_time_us=30.0), "/dev/video77")
+@pytest.mark.parametrize(
+    ("row_time_us", "path", "says"),
+    [
+        (30.0, "/dev/video77", r"^camera.source: /dev/video77 does not exist"),
+        (30.0, "/dev/null", r"^camera.source: /dev/null is no video device; see v4l2-ctl"),
+        ("auto", "/dev/video77", r"^camera.row_time_us: must be a number, as V4L2 cannot tell"),
+    ],
+)
+def test_what_cannot_be_opened_is_named(row_time_us: Any, path: str, says: str) -> None:
+    """For real: the key and the device. A guess at the row time would decode nothing."""
+    with pytest.raises(CameraError, match=says):
+        open_v4l2(CameraSettings(row_time_us=row_time_us), path)
 
 
-def test_a_file_that_is_no_camera_cannot_be_opened() -> None:
-    """For real. And nobody is told to end the processes that hold it, as for a camera that is busy."""
-    with pytest.raises(CameraError, match=r"^camera.source: /dev/null is no video device; see v4l2-ctl"):
-        open_v4l2(CameraSettings(row_time_us=30.0), "/dev/null")
-
-
-def test_the_row_time_must_be_given() -> None:
-    """V4L2 cannot tell it, and a guess would decode nothing."""
-    with pytest.raises(CameraError, match=r"^camera.row_time_us: must be a number, as V4L2 cannot tell"):
-        open_v4l2(CameraSettings(), "/dev/video77")
-
-
-def test_colour_becomes_grey_in_the_given_array(device: set[int]) -> None:
-    """0.114 B + 0.587 G + 0.299 R (BT.601), in place."""
+@pytest.mark.parametrize(
+    ("picture", "grey"),
+    [
+        (np.full((480, 640, 3), (10, 100, 200), np.uint8), round(0.114 * 10 + 0.587 * 100 + 0.299 * 200)),
+        (np.full((480, 640), 77, np.uint8), 77),
+    ],
+)
+def test_colour_becomes_grey_in_the_given_array(device: set[int], picture: np.ndarray, grey: int) -> None:
+    """0.114 B + 0.587 G + 0.299 R (BT.601), in place; a device that is grey already needs no conversion."""
     camera, capture = opened()
-    assert capture.picture is not None
-    capture.picture[:] = (10, 100, 200)
+    capture.picture = picture
     into = np.zeros((480, 640), np.uint8)
     frame = camera.read(into)
     assert isinstance(frame, Frame)
-    assert (into == round(0.114 * 10 + 0.587 * 100 + 0.299 * 200)).all()
+    assert (into == grey).all()
     assert frame.pixels.base is into
-
-
-def test_a_grey_camera_s_picture_is_copied(device: set[int]) -> None:
-    """A device that is grey already needs no conversion."""
-    camera, capture = opened()
-    capture.picture = np.full((480, 640), 77, np.uint8)
-    into = np.zeros((480, 640), np.uint8)
-    assert isinstance(camera.read(into), Frame)
-    assert (into == 77).all()
 
 
 def test_an_exposure_that_is_honoured_is_reported(device: set[int], caplog: pytest.LogCaptureFixture) -> None:
@@ -176,17 +169,12 @@ def test_another_size_is_refused(device: set[int]) -> None:
 
 
 def test_the_device_s_time_is_used_where_it_is_of_this_clock(device: set[int]) -> None:
-    """The stamp is the start of row 0's read-out."""
+    """The stamp is the start of row 0's read-out; one of another clock is replaced by the arrival."""
     camera, capture = opened()
     capture.stamp_ns = time.monotonic_ns() - 50_000_000
     frame = camera.read(np.zeros((480, 640), np.uint8))
     assert isinstance(frame, Frame)
     assert abs(frame.row0_readout_ns - capture.stamp_ns) < 1000
-
-
-def test_another_clock_is_replaced_by_the_arrival(device: set[int]) -> None:
-    """A stamp of another clock is no use; the picture was read out before it arrived."""
-    camera, capture = opened()
     capture.stamp_ns = time.time_ns()
     before = time.monotonic_ns()
     frame = camera.read(np.zeros((480, 640), np.uint8))

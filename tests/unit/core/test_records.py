@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.core.records import Frame, Intrinsics, PanelSpec, Rejected, read_only
+from ledpi.core.records import Frame, Intrinsics, PanelSpec, read_only
 from ledpi.core.shutter import row_mid_exposure_ns
 
 
@@ -97,11 +97,6 @@ def test_bad_intrinsics_are_refused(changes: dict[str, Any]) -> None:
         intrinsics(**changes)
 
 
-def test_camera_matrix_by_hand() -> None:
-    """Focal lengths on the diagonal, principal point in the last column."""
-    np.testing.assert_array_equal(intrinsics().matrix(), [[600, 0, 320], [0, 601, 240], [0, 0, 1]])
-
-
 def test_read_only_leaves_the_callers_array() -> None:
     """The view cannot be written to, the array it was made of can, and shows through."""
     array = np.zeros(3)
@@ -110,8 +105,3 @@ def test_read_only_leaves_the_callers_array() -> None:
         view[0] = 1
     array[0] = 2
     assert view[0] == 2
-
-
-def test_rejected_has_the_counters_name() -> None:
-    """Stage and reason make the counter's name."""
-    assert Rejected(stage="find", reason="too_small").key == "find.too_small"

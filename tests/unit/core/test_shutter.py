@@ -37,8 +37,8 @@ def integrated_wave(exposure_cycles: float, duty: float, phases: int = 300) -> N
     return np.array([integrated_weight(p / phases, exposure_cycles, duty) for p in range(phases)])
 
 
-@pytest.mark.parametrize("duty", [0.5, 0.13, 0.71, 0.98])
-@pytest.mark.parametrize("exposure_cycles", [0.07, 0.163, 0.5, 1.0, 3.37, 12.5, 24.419])
+@pytest.mark.parametrize("duty", [0.5, 0.13, 0.98])
+@pytest.mark.parametrize("exposure_cycles", [0.07, 0.5, 3.37, 24.419])
 def test_weight_is_the_integral_of_the_wave(exposure_cycles: float, duty: float) -> None:
     """The closed form is the mean of the on/off wave over the exposure, at odd phases of either sign."""
     starts = np.array([-7.31, -0.5, 0.0, 0.1234, 0.4999, 0.87, 5.003, 1234.567])
@@ -47,19 +47,10 @@ def test_weight_is_the_integral_of_the_wave(exposure_cycles: float, duty: float)
     np.testing.assert_allclose(exposure_weight(starts, exposure_cycles, duty), expected, rtol=0, atol=edges / SAMPLES)
 
 
-def test_weight_of_whole_cycles_is_the_duty() -> None:
-    """An exposure of whole cycles sees the duty, wherever it starts: no bands."""
-    starts = np.linspace(0, 1, 37)
-    np.testing.assert_allclose(exposure_weight(starts, 7.0, 0.3), 0.3, rtol=0, atol=1e-12)
-
-
-def test_weight_keeps_the_shape() -> None:
-    """One weight for each phase, in the shape that came."""
-    assert exposure_weight(np.zeros((3, 4, 5)), 1.5).shape == (3, 4, 5)
-
-
-def test_weight_without_exposure_is_refused() -> None:
-    """An exposure that is not positive is an error and not a division by zero."""
+def test_weight_of_whole_cycles_is_the_duty_and_of_no_exposure_is_refused() -> None:
+    """An exposure of whole cycles sees the duty, wherever it starts: no bands; one that is not positive is an error."""
+    starts = np.linspace(0, 1, 36).reshape(3, 4, 3)
+    np.testing.assert_allclose(exposure_weight(starts, 7.0, 0.3), np.full((3, 4, 3), 0.3), rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match="exposure_cycles must be positive"):
         exposure_weight(np.zeros(1), 0.0)
 
@@ -90,6 +81,7 @@ def test_bands_of_a_picture_have_the_width_of_the_equation() -> None:
         (1250, 9967, 0.0736),
         (2450, 9967, 0.0343),
         (1250, 150, 2.0),  # shorter than half a cycle: from dark to fully on
+        (700, 10000, 0.0),  # a multiple of 100 Hz: mains flicker, and bands, are gone
     ],
 )
 def test_contrast_of_the_working_points(frequency_hz: float, exposure_us: float, expected: float) -> None:
@@ -97,14 +89,8 @@ def test_contrast_of_the_working_points(frequency_hz: float, exposure_us: float,
     assert contrast(frequency_hz, exposure_us) == pytest.approx(expected, abs=5e-5)
 
 
-@pytest.mark.parametrize("frequency_hz", range(100, 5001, 100))
-def test_contrast_vanishes_at_multiples_of_100_hz(frequency_hz: int) -> None:
-    """10 ms hold a whole number of cycles of every multiple of 100 Hz: mains flicker, and bands, are gone."""
-    assert contrast(frequency_hz, 10000) == pytest.approx(0, abs=1e-12)
-
-
-@pytest.mark.parametrize("duty", [0.5, 0.2, 0.35, 0.8])
-@pytest.mark.parametrize("exposure_cycles", [0.1, 0.45, 0.9, 1.3, 6.5, 12.459])
+@pytest.mark.parametrize("duty", [0.5, 0.2, 0.8])
+@pytest.mark.parametrize("exposure_cycles", [0.1, 0.9, 12.459])
 def test_contrast_is_the_swing_of_the_integrated_wave(exposure_cycles: float, duty: float) -> None:
     """Peak to peak over mean of the numerically integrated wave, for any duty."""
     wave = integrated_wave(exposure_cycles, duty, phases=200)
@@ -143,19 +129,14 @@ def test_band_width_by_hand() -> None:
     assert band_width_rows(1250, rows=480, scan_time_s=0.0161616) == pytest.approx(11.88, abs=5e-5)
 
 
-def test_phase_nearly_freezes_at_the_current_drivers_rate() -> None:
-    """504 rows of 1852 clocks at 58.333 MHz are 16.0013 ms (62.49 fps): 20.0016 cycles of 1250 Hz."""
-    period_us = 504 * 1852 / (175 / 3)
-    assert period_us == pytest.approx(1e6 / 62.49, abs=2)
-    assert phase_advance_cycles(1250, period_us) == pytest.approx(0.0016, abs=2e-5)
-
-
 @pytest.mark.parametrize(
-    ("frequency_hz", "period_us", "expected"), [(100, 12500, 0.25), (100, 17500, -0.25), (1000, 20000, 0)]
+    ("frequency_hz", "period_us", "expected"),
+    # The last is the current driver's: 504 rows of 1852 clocks at 58.333 MHz, 20.0016 cycles
+    [(100, 12500, 0.25), (100, 17500, -0.25), (1000, 20000, 0), (1250, 504 * 1852 / (175 / 3), 0.0016)],
 )
 def test_phase_advance_by_hand(frequency_hz: float, period_us: float, expected: float) -> None:
     """1.25 cycles are a quarter ahead, 1.75 a quarter back, 20 not at all."""
-    assert phase_advance_cycles(frequency_hz, period_us) == pytest.approx(expected, abs=1e-12)
+    assert phase_advance_cycles(frequency_hz, period_us) == pytest.approx(expected, abs=2e-5)
 
 
 @pytest.mark.parametrize(("row", "expected_ns"), [(0, 995_000_000), (100, 998_367_000), (239.5, 1_003_063_965)])

@@ -90,20 +90,20 @@ def test_all_values_are_read(folder: Path) -> None:
     assert recording.truth[40] == ()
 
 
-def test_gaps_in_seq_and_jumps_forward_are_legal(folder: Path) -> None:
-    """A recording may hold several takes: from seq 1 to 40, two seconds later."""
-    assert [entry.seq for entry in load_recording(folder).frames] == [0, 1, 40]
-
-
-def test_a_camera_without_calibration_has_no_intrinsics(folder: Path) -> None:
-    """Without any of the five lens keys the recording is whole, and has no intrinsics."""
+def test_what_need_not_be_there(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The five lens keys, a pose beside true corners, the last line break; a later recorder may say more."""
     start, end = HEADER.index(",\n         fx"), HEADER.index("}\npanel")
     (folder / "recording.yaml").write_text(HEADER[:start] + HEADER[end:])
-    assert load_recording(folder).camera.intrinsics is None
-
-
-def test_truth_is_optional(folder: Path) -> None:
-    """A recording made by a robot knows no truth."""
+    lines = [json.loads(line) | {"decoded": True} for line in FRAMES.splitlines()]
+    (folder / "frames.jsonl").write_text("\n".join(json.dumps(line) for line in lines))
+    replace(folder / "truth.jsonl", '"position_m": [0.1, 0.2, 0.6], "quaternion_wxyz": [0, 1, 0, 0], ', "")
+    recording = load_recording(folder)
+    assert recording.camera.intrinsics is None
+    assert [entry.seq for entry in recording.frames] == [0, 1, 40]  # two takes, two seconds apart
+    assert recording.truth is not None
+    assert recording.truth[1][0].camera_from_marker is None
+    assert recording.truth[1][0].corners_px.tolist() == [[1, 2], [3, 2], [3, 4], [1, 4]]
+    assert caplog.messages == []
     (folder / "truth.jsonl").unlink()
     assert load_recording(folder).truth is None
 
@@ -186,22 +186,6 @@ def test_frames_whose_last_line_is_cut_off_are_read_up_to_it(folder: Path, caplo
         assert said == f"{folder}/frames.jsonl: line 3: is cut off; it is left out, what stands before it is read"
 
 
-def test_a_last_line_without_its_line_break_is_whole(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Only a part of a line is left out."""
-    (folder / "frames.jsonl").write_text(FRAMES.rstrip("\n"))
-    assert [entry.seq for entry in load_recording(folder).frames] == [0, 1, 40]
-    assert caplog.messages == []
-
-
-def test_truth_may_know_corners_alone(folder: Path) -> None:
-    """A picture that was put together from photographs has no pose."""
-    replace(folder / "truth.jsonl", '"position_m": [0.1, 0.2, 0.6], "quaternion_wxyz": [0, 1, 0, 0], ', "")
-    truth = load_recording(folder).truth
-    assert truth is not None
-    assert truth[1][0].camera_from_marker is None
-    assert truth[1][0].corners_px.tolist() == [[1, 2], [3, 2], [3, 4], [1, 4]]
-
-
 def test_truth_whose_last_line_is_cut_off_is_read_up_to_it(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
     """The frames are all there, the last one's truth is not known."""
     (folder / "truth.jsonl").write_text(TRUTH[:-5])
@@ -224,19 +208,16 @@ def test_any_other_broken_line_is_refused(folder: Path, text: str, line: int) ->
     assert complaint(folder).startswith(f"take/frames.jsonl: line {line}: not valid JSON")
 
 
-@pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl"])
-def test_a_missing_file_is_named(folder: Path, name: str) -> None:
-    """Both files that make a recording must be there."""
-    (folder / name).unlink()
-    assert complaint(folder) == (
-        f"take/{name}: is missing; a recording has recording.yaml, frames.jsonl and its pictures"
-    )
-
-
-def test_bytes_that_are_not_text_are_located(folder: Path) -> None:
-    """A damaged file says at which byte it is no longer text."""
+def test_a_missing_or_damaged_file_is_named(folder: Path, tmp_path: Path) -> None:
+    """At which byte it is no longer text; both files that make a recording must be there, and its folder."""
     (folder / "frames.jsonl").write_bytes(FRAMES.encode()[:20] + b"\xff\xfe" + FRAMES.encode()[20:])
     assert complaint(folder) == "take/frames.jsonl: byte 20 is not UTF-8 text"
+    for name in ("frames.jsonl", "recording.yaml"):
+        (folder / name).unlink()
+        said = f"take/{name}: is missing; a recording has recording.yaml, frames.jsonl and its pictures"
+        assert complaint(folder) == said
+    with pytest.raises(RecordingError, match="nowhere: cannot be read as a folder: No such file"):
+        find_recordings(tmp_path / "nowhere")
 
 
 def test_recordings_are_found_sorted_with_the_broken_ones(folder: Path, tmp_path: Path) -> None:
@@ -248,12 +229,6 @@ def test_recordings_are_found_sorted_with_the_broken_ones(folder: Path, tmp_path
     (tmp_path / "photographs").mkdir()
     assert find_recordings(tmp_path) == (tmp_path / "a", tmp_path / "b/deep", folder)
     assert find_recordings(folder) == (folder,)
-
-
-def test_looking_for_recordings_where_nothing_is(tmp_path: Path) -> None:
-    """A folder that does not exist is an error that names it, not an empty list."""
-    with pytest.raises(RecordingError, match="nowhere: cannot be read as a folder: No such file"):
-        find_recordings(tmp_path / "nowhere")
 
 
 def test_the_shared_recordings_are_read(shared: Callable[[str], Path]) -> None:
@@ -320,64 +295,31 @@ def test_a_single_wrong_byte_anywhere_is_noticed(tmp_path: Path) -> None:
         assert (into == 99).all()
 
 
-def test_a_large_truncated_picture_is_not_half_decoded(tmp_path: Path) -> None:
-    """A full-size picture cut in the middle is rejected before OpenCV could hand out a part of it."""
-    path = tmp_path / "p.png"
-    noise = np.random.default_rng(1).integers(0, 256, (480, 640), dtype=np.uint8)
-    data = cv2.imencode(".png", noise)[1].tobytes()
-    path.write_bytes(data[: len(data) // 2])
-    bad = read_picture(path, np.zeros((480, 640), np.uint8))
-    assert bad is not None
-    assert bad.message == f"{path}: ends after {len(data) // 2} bytes, inside chunk IDAT"
+NO_ZLIB = chunk(b"IHDR", struct.pack(">IIBBBBB", 8, 6, 8, 0, 0, 0, 0)) + chunk(b"IDAT", b"not zlib")
 
 
 @pytest.mark.parametrize(
-    ("picture", "reason", "what"),
+    ("content", "reason", "what"),
     [
-        (np.zeros((6, 9), np.uint8), "wrong_size", "is 9 × 6 pixels; must be 8 × 6"),
-        (np.zeros((6, 8, 3), np.uint8), "unreadable", "is 8-bit colour; must be 8-bit grey"),
-        (np.zeros((6, 8), np.uint16), "unreadable", "is 16-bit grey; must be 8-bit grey"),
+        (cv2.imencode(".png", np.zeros((6, 9), np.uint8))[1].tobytes(), "wrong_size", "is 9 × 6 pixels; must be 8 × 6"),
+        (cv2.imencode(".png", np.zeros((6, 8, 3)))[1].tobytes(), "unreadable", "is 8-bit colour; must be 8-bit grey"),
+        (
+            cv2.imencode(".png", np.zeros((6, 8), np.uint16))[1].tobytes(),
+            "unreadable",
+            "is 16-bit grey; must be 8-bit grey",
+        ),
+        (None, "unreadable", "cannot be read: No such file or directory"),
+        (cv2.imencode(".jpg", PICTURE)[1].tobytes(), "unreadable", "is not a PNG file; must be an 8-bit grey PNG"),
+        (b"\x89PNG\r\n\x1a\n" + NO_ZLIB + chunk(b"IEND", b""), "unreadable", ""),  # refused by OpenCV
     ],
+    ids=["size", "colour", "16 bits", "missing", "JPEG", "no zlib"],
 )
-def test_a_picture_of_another_kind_is_refused(tmp_path: Path, picture: np.ndarray, reason: str, what: str) -> None:
+def test_a_picture_that_is_none_is_one_bad_frame(tmp_path: Path, content: bytes | None, reason: str, what: str) -> None:
     """Size and kind are named as they are and as they must be."""
     path = tmp_path / "p.png"
-    cv2.imwrite(str(path), picture)
+    if content is not None:
+        path.write_bytes(content)
     bad = read_picture(path, np.zeros((6, 8), np.uint8))
     assert bad is not None
     assert (bad.rejected.stage, bad.rejected.reason) == ("capture", reason)
-    assert bad.message == f"{path}: {what}"
-
-
-def test_a_missing_picture_is_unreadable(tmp_path: Path) -> None:
-    """A missing picture does not break the recording; it is one bad frame."""
-    bad = read_picture(tmp_path / "p.png", np.zeros((6, 8), np.uint8))
-    assert bad is not None
-    assert bad.rejected.key == "capture.unreadable"
-    assert bad.message == f"{tmp_path}/p.png: cannot be read: No such file or directory"
-
-
-def test_a_picture_that_is_no_png(tmp_path: Path) -> None:
-    """A JPEG under a PNG's name is told apart from a truncated PNG."""
-    path = tmp_path / "p.png"
-    path.write_bytes(cv2.imencode(".jpg", PICTURE)[1].tobytes())
-    bad = read_picture(path, np.zeros((6, 8), np.uint8))
-    assert bad is not None
-    assert bad.message == f"{path}: is not a PNG file; must be an 8-bit grey PNG"
-
-
-def test_content_that_does_not_unpack_is_unreadable(tmp_path: Path) -> None:
-    """Chunks that are whole, but hold no picture, are refused by OpenCV, and so by us."""
-    path = tmp_path / "p.png"
-    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 8, 6, 8, 0, 0, 0, 0))
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", b"not zlib") + chunk(b"IEND", b""))
-    bad = read_picture(path, np.zeros((6, 8), np.uint8))
-    assert bad is not None
-    assert bad.rejected.key == "capture.unreadable"
-
-
-def test_a_line_of_json_may_hold_more_keys(folder: Path) -> None:
-    """A key that this version does not know is passed over: a later recorder may say more."""
-    lines = [json.loads(line) | {"decoded": True} for line in FRAMES.splitlines()]
-    (folder / "frames.jsonl").write_text("\n".join(json.dumps(line) for line in lines))
-    assert len(load_recording(folder).frames) == 3
+    assert bad.message.startswith(f"{path}: {what}")

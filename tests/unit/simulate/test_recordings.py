@@ -126,7 +126,7 @@ def band_depth(seen: Take, white: bool) -> tuple[float, float]:
     return float(np.hypot(*fitted[:2])), float(error)
 
 
-@pytest.mark.parametrize("name", ["static/d0.6", "linear/d1", "short_exposure/d0.8", "oblique/d0.6_yaw+45"])
+@pytest.mark.parametrize("name", ["static/d0.6", "short_exposure/d0.8"])
 def test_bands_are_as_deep_as_the_physics_says_in_both_renderings(name: str, shared: Callable[[str], Path]) -> None:
     """2·sinc(d)·sinc(f·T) over the mean, in our frames; in the others' too, but for steady light on the panel.
 
@@ -148,7 +148,7 @@ def test_bands_are_as_deep_as_the_physics_says_in_both_renderings(name: str, sha
     assert blinking_shares[0] == pytest.approx(blinking_shares[1], rel=0.025)
 
 
-@pytest.mark.parametrize("name", ["static/d0.6", "static/d2", "oblique/d0.6_yaw-70", "oblique/d0.6_yaw+45"])
+@pytest.mark.parametrize("name", ["static/d2", "oblique/d0.6_yaw-70"])
 def test_a_pose_means_the_same_pixels_to_both_renderers(name: str, shared: Callable[[str], Path]) -> None:
     """Our projection of their pose gives their corners, and our panel lies on theirs to 0.1 px."""
     theirs = take(shared(f"recordings/{name}"))

@@ -11,7 +11,7 @@ import pytest
 
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
-from ledpi.core.records import Decoded, Detection, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected, Transfer
+from ledpi.core.records import Decoded, Detection, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.picture import read_picture
@@ -108,15 +108,7 @@ def test_a_rolled_panel_is_read(turn_deg: float) -> None:
     np.testing.assert_allclose(detection.corners_px, corners, atol=CORNER_PX)
 
 
-def test_an_oblique_panel_is_read() -> None:
-    """Turned away about its upright axis: the side that is nearer is longer."""
-    corners = np.array([[260.3, 140.6], [361.7, 162.2], [362.1, 322.4], [259.8, 341.9]])
-    (detection,) = detections(reader().read(photograph(word(12), corners)))
-    assert detection.id == 12
-    np.testing.assert_allclose(detection.corners_px, corners, atol=CORNER_PX)
-
-
-@pytest.mark.parametrize("phase", [0.0, 0.3, 0.55, 0.8])
+@pytest.mark.parametrize("phase", [0.0, 0.55])
 def test_it_does_not_matter_when_the_frame_begins(phase: float) -> None:
     """Bands lie at other rows in every frame."""
     steps = reader().read(photograph(word(7), phases=(phase, (3.7 * phase) % 1.0)))
@@ -124,9 +116,10 @@ def test_it_does_not_matter_when_the_frame_begins(phase: float) -> None:
 
 
 def test_several_panels_are_read() -> None:
-    """Each with the corners of its own."""
-    places = {0: square(130, 130, 130), 7: square(320, 330, 150, 8), 42: square(510, 140, 140, -5)}
-    canvas = Canvas(exposure_us=SHORT_US)
+    """Each with the corners of its own; one turned away about its upright axis; in linear light, too."""
+    oblique = np.array([[430.3, 40.6], [531.7, 62.2], [532.1, 222.4], [429.8, 241.9]])
+    places = {0: square(130, 130, 130), 7: square(320, 350, 150, 8), 12: oblique}
+    canvas = Canvas(exposure_us=SHORT_US, transfer="linear")
     for marker_id, corners in places.items():
         canvas.panel(corners, word(marker_id))
     found = {s.id: s.corners_px for s in detections(reader().read(canvas.frame()))}
@@ -139,14 +132,6 @@ def test_several_panels_are_read() -> None:
 def test_dim_and_bright_panels_are_read(light: float) -> None:
     """From an eighth of full scale to where bright bands nearly saturate."""
     assert [s.id for s in detections(reader().read(photograph(word(23), light=light)))] == [23]
-
-
-def test_a_linear_picture_is_read() -> None:
-    """The method takes picture values as they are, whatever they mean."""
-    transfer: Transfer = "linear"
-    canvas = Canvas(exposure_us=SHORT_US, transfer=transfer)
-    canvas.panel(PLACE, word(7))
-    assert [s.id for s in detections(reader().read(canvas.frame()))] == [7]
 
 
 def test_other_grids_are_read() -> None:
@@ -189,7 +174,7 @@ def test_what_is_not_square_is_none() -> None:
     assert reader().read(canvas.frame()).squares == ()
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_a_lamp_that_does_not_blink_is_never_an_id(seed: int) -> None:
     """Tries any place, size, turn and brightness: noise makes no bands, and the square says that it has none."""
     rng = np.random.default_rng(seed)
@@ -275,25 +260,12 @@ def test_c_bright_bands_are_lit_whatever_the_light_around() -> None:
     assert agreement > 0.95
 
 
-def test_c_the_cell_beside_does_not_matter() -> None:
-    """Columns are judged each by itself."""
-    rng = np.random.default_rng(3)
-    picture = rng.integers(0, 255, (100, 8)).astype(np.uint8)
-    alone = binarise(np.ascontiguousarray(picture[:, 3:4]), (12.0, 6.0))
-    np.testing.assert_array_equal(binarise(picture, (12.0, 6.0))[:, 3:4], alone)
-
-
 def test_d_each_band_is_of_the_class_whose_width_is_nearer() -> None:
     """Widths 12 and 6: 3 to 8 rows are white, 10 to 18 black, and less or more no band; dark bands count as bright."""
     heights = [2, 3, 6, 8, 10, 12, 18, 19]
     expected = [NO_BAND, WHITE_BAND, WHITE_BAND, WHITE_BAND, BLACK_BAND, BLACK_BAND, BLACK_BAND, NO_BAND]
     classes = classify(columns(heights, [0, *heights[:-1], heights[-1]]), (12.0, 6.0))
     np.testing.assert_array_equal(classes, np.repeat(expected, heights)[:, None].repeat(2, axis=1))
-
-
-def test_d_widths_are_distinguished_whichever_class_has_the_wider() -> None:
-    """A panel may blink faster where its word is black."""
-    np.testing.assert_array_equal(classify(columns([6, 12]), (6.0, 12.0))[:, 0], [BLACK_BAND] * 6 + [WHITE_BAND] * 12)
 
 
 def test_d_a_run_ends_with_its_column() -> None:
@@ -413,26 +385,19 @@ def test_antiphase_panels_are_refused() -> None:
         Pipeline(camera_info(), panel_settings(), intrinsics=None, source_panel=shown, method="uemura")
 
 
-def test_the_panels_place_is_solved() -> None:
-    """150 px of 16 cm at a focal length of 640 px are 0.683 m away; corners are off by up to a band, so by tenths."""
-    (marker,) = path(exposure_us=SHORT_US).decode(photograph(word(7))).markers
-    assert marker.solution is not None
-    assert marker.solution.camera_from_marker.position_m[2] == pytest.approx(0.683, rel=0.1)
-
-
 def test_it_claims_no_margin() -> None:
-    """The method weighs its answer against no other, so it cannot say how sure it is; nor does it need many frames."""
+    """Its answer is weighed against no other, nor needs many frames; its time has its own name, and a place is solved.
+
+    150 px of 16 cm at a focal length of 640 px are 0.683 m away; corners are off by up to a band, so by tenths.
+    """
     pipeline = path(exposure_us=SHORT_US, stream=True)
     for seq in range(3):
-        (marker,) = pipeline.decode(photograph(word(7), seq=seq)).markers
+        decoded = pipeline.decode(photograph(word(7), seq=seq))
+        (marker,) = decoded.markers
         assert (marker.detection.margin, marker.detection.frames_used) == (0.0, 1)
-
-
-def test_its_time_is_reported_under_its_own_name() -> None:
-    """Nothing is spent on the stages of the other method."""
-    decoded = path(exposure_us=SHORT_US).decode(photograph(word(7)))
-    assert list(decoded.stage_ms) == ["uemura", "pose"]
-    assert decoded.stage_ms["uemura"] > 0
+        assert list(decoded.stage_ms) == ["uemura", "pose"]
+        assert marker.solution is not None
+        assert marker.solution.camera_from_marker.position_m[2] == pytest.approx(0.683, rel=0.1)
 
 
 def test_a_panel_of_other_frequencies_is_read_with_those() -> None:

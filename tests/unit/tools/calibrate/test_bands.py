@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -133,7 +134,7 @@ def test_an_oscillator_that_wanders_is_measured_in_parts() -> None:
     assert result.blinking_share == pytest.approx((1.0, 1.0), abs=0.06)
 
 
-@pytest.mark.parametrize("duty", [0.3, 0.45, 0.6])
+@pytest.mark.parametrize("duty", [0.3, 0.6])
 def test_duty_shows_in_the_second_harmonic(duty: float) -> None:
     """Which side of one half it lies on too, and the share of light that blinks."""
     result = measured_panel(counted_light(duty=duty, blinking=0.8))
@@ -163,16 +164,17 @@ def test_no_bands_are_no_result(light: PanelLight) -> None:
         measured_panel(light)
 
 
-def test_a_wrong_row_time_is_noticed() -> None:
-    """A row time that is off by 6 % would give another alias of each frequency; it is named instead."""
-    with pytest.raises(CalibrationError, match=r"do not fit a row time of 33\.67 µs"):
-        measured_panel(counted_light(row_time_us=31.75, frame_rows=509))
-
-
-def test_too_few_periods_are_reported() -> None:
-    """A small panel shows too few rows to tell a frequency from one that looks alike from frame to frame."""
-    with pytest.raises(CalibrationError, match="too little of its bands"):
-        measured_panel(counted_light(cell_rows=6, noise=0.01))
+@pytest.mark.parametrize(
+    ("light", "says"),
+    [
+        ({"row_time_us": 31.75, "frame_rows": 509}, r"do not fit a row time of 33\.67 µs"),
+        ({"cell_rows": 6, "noise": 0.01}, "too little of its bands"),
+    ],
+)
+def test_what_leaves_an_alias_open_is_reported(light: dict[str, Any], says: str) -> None:
+    """A row time that is off by 6 % would give another one; a small panel shows too few rows to tell them apart."""
+    with pytest.raises(CalibrationError, match=says):
+        measured_panel(counted_light(**light))
 
 
 @pytest.mark.parametrize("row_time_us", [21.17, 31.75, 33.67])
@@ -186,16 +188,12 @@ def test_the_row_time_is_found_whatever_the_driver_says(row_time_us: float) -> N
     assert by_bands.row_time_us.value == pytest.approx(row_time_us, rel=1e-3)
     assert with_rows.row_time_us.value == pytest.approx(row_time_us, rel=1e-9)
     assert by_bands.row_time_us.agrees_with(33.67) == (row_time_us == 33.67)
+    scaled = measured_shutter(light, rows=FRAME_ROWS * 2)  # the frames' interval over these is not what bands show
+    assert scaled.by_interval_us is None
+    assert scaled.row_time_us.value == pytest.approx(row_time_us, rel=1e-3)
 
 
-def test_a_scaled_picture_has_its_own_row_time() -> None:
-    """Believes the bands where the frames' interval over the sensor's rows is not what they show."""
-    result = measured_shutter(counted_light(row_time_us=33.67), rows=FRAME_ROWS * 2)
-    assert result.by_interval_us is None
-    assert result.row_time_us.value == pytest.approx(33.67, rel=1e-3)
-
-
-@pytest.mark.parametrize("exposure_us", [9394.0, 9700.0, 9967.0, 10000.0])
+@pytest.mark.parametrize("exposure_us", [9394.0, 10000.0])
 def test_the_exposure_shows_in_the_classes_depths(exposure_us: float) -> None:
     """Within its deviations of the truth, also at 10 ms, where the ratio of depths turns."""
     rows = round(exposure_us / 33.67)
@@ -258,7 +256,7 @@ def test_advice_names_what_would_be_better() -> None:
     assert advice([1250.0, 2450.0], exposure_us=9967.0, row_time_us=33.67, frame_interval_us=504 * 33.67) == []
 
 
-@pytest.mark.parametrize("name", ["static/d0.6", "static/d2", "linear/d1", "oblique/d0.6_yaw-70"])
+@pytest.mark.parametrize("name", ["static/d2", "oblique/d0.6_yaw-70"])
 def test_frames_that_others_rendered(shared: Callable[[str], Path], name: str) -> None:
     """Five or six frames of another simulator: 1250 and 2450 Hz to 0.02 %, 33.67 µs to 0.5 %, 10 ms to 1 %."""
     folder = shared(f"recordings/{name}")

@@ -107,16 +107,12 @@ def test_a_rendered_camera_is_asked_back(pictures: Path, command: Command) -> No
 
 
 def test_kept_files_are_numbered(tmp_path: Path) -> None:
-    """A kept file is never overwritten by the next."""
+    """A kept file is never overwritten by the next; a place that cannot be written is named."""
     path = tmp_path / "camera.yaml"
     kept = [write_keeping_old(path, text) for text in ("one", "two", "three")]
     assert kept == [None, tmp_path / "camera.yaml.bak-1", tmp_path / "camera.yaml.bak-2"]
     assert [file.read_text() for file in (path, *kept[1:]) if file] == ["three", "one", "two"]
     assert len(list(tmp_path.iterdir())) == 3
-
-
-def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    """A folder in the file's place and a folder that is not there are told."""
     with pytest.raises(CalibrationError, match="is a folder; must be the file to write"):
         write_keeping_old(tmp_path, "text")
     with pytest.raises(CalibrationError, match=r"no/camera.yaml: cannot be written: No such file"):
@@ -166,23 +162,13 @@ def test_k3_is_fitted_only_where_it_shows() -> None:
     assert k3 == pytest.approx(0.4, abs=0.2)  # k1, k2 and k3 share most of what they explain
 
 
-def test_too_few_views_are_refused() -> None:
-    """Seven views are one too few."""
-    text = refusal(good_views()[:7])
-    assert text.startswith("the board was found in only 7 pictures, at least 8 are needed")
-
-
-def test_views_without_tilt_are_refused() -> None:
-    """Frontal views fit any focal length."""
+def test_views_that_determine_nothing_are_refused() -> None:
+    """Frontal ones fit any focal length, one tilted pose many times tells no more; seven are one too few."""
     frontal: list[Pose] = [((0, 0, 10 * i), (0.1 * (i % 3 - 1), 0.05 * (i % 2)), 12 + i % 4) for i in range(12)]
-    views = [projected(f"{i}", pose, seed=i) for i, pose in enumerate(frontal)]
-    assert "the views are too much alike" in refusal(views)
-
-
-def test_views_that_repeat_are_refused() -> None:
-    """One tilted pose many times determines nothing."""
-    views = [projected(f"{i}", POSES[4], seed=i) for i in range(12)]
-    assert "the views are too much alike" in refusal(views)
+    for poses in (frontal, [POSES[4]] * 12):
+        views = [projected(f"{i}", pose, seed=i) for i, pose in enumerate(poses)]
+        assert "the views are too much alike" in refusal(views)
+    assert refusal(good_views()[:7]).startswith("the board was found in only 7 pictures, at least 8 are needed")
 
 
 def test_views_of_no_board_are_refused() -> None:

@@ -153,19 +153,14 @@ def test_a_panel_with_an_entry_is_sought_around_it(command: Command, simulated: 
 
 
 def test_a_row_time_that_the_driver_misreports_is_written(command: Command, simulated: Simulated) -> None:
-    """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %."""
+    """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %; by a dry run nowhere."""
     take = simulated("camera.row_time_us=31.75", claimed={"camera": {"row_time_us": 33.67}})
+    assert command("calibrate", "shutter", take, "--dry-run")[0] == 0
+    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
     status, out, _ = command("calibrate", "shutter", take)
     assert status == 0
     assert "the driver misreports its row time by +6.0%" in out
     assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(31.75, rel=2e-3)
-
-
-def test_a_dry_run_writes_nothing(command: Command, simulated: Simulated) -> None:
-    """Although there would be something to write."""
-    take = simulated("camera.row_time_us=31.75", claimed={"camera": {"row_time_us": 33.67}})
-    assert command("calibrate", "shutter", take, "--dry-run")[0] == 0
-    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
 
 
 def test_a_driver_that_is_right_changes_nothing(command: Command, simulated: Simulated) -> None:
@@ -267,17 +262,13 @@ def test_a_configuration_that_cannot_be_written_is_reported_before_anything_is_m
     assert (tmp_path / "config.yaml").read_text() == text
 
 
-def test_a_key_is_changed_and_comments_stay() -> None:
-    """Also where the section is not there yet."""
+def test_a_key_is_changed_and_comments_stay(tmp_path: Path) -> None:
+    """Also where the section is not there yet. A configuration that went away is an error with its name."""
     text = changed_yaml(CONFIG, {("camera", "row_time_us"): 31.75, ("serial", "baud"): 9600})
     assert "row_time_us: 31.75 " in text
     assert "# the driver's" in text
     assert "map: null" in text
     assert yaml.safe_load(text)["serial"] == {"baud": 9600}
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    """A configuration that went away is an error with its name."""
     with pytest.raises(CalibrationError, match=r"gone\.yaml: cannot be read: No such file"):
         change_config(tmp_path / "gone.yaml", {("camera", "row_time_us"): 1.0})
 

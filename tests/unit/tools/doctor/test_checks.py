@@ -80,41 +80,29 @@ def test_a_lens_that_is_missing_stops_the_simulator_too() -> None:
     assert "gone.yaml: cannot be read" in found["camera"].said
 
 
+HUNG = "{position_m: [4, 1, 1.5], yaw_deg: 180}"
+
+
 @pytest.mark.parametrize(
-    ("content", "state"), [("format: 1\npanels: {7: {position_m: [4, 1, 1.5], yaw_deg: 180}}\n", "ok"), ("7\n", "bad")]
+    ("content", "settings", "state", "stops", "said"),
+    [
+        (f"format: 1\npanels: {{7: {HUNG}}}\n", (), "ok", False, ""),
+        ("7\n", (), "bad", True, ""),
+        (f"format: 1\npanels: {{49: {HUNG}, 50: {HUNG}}}\n", (), "bad", False, "DICT_4X4_50 has IDs 0 to 49"),
+        (f"format: 1\npanels: {{3: {HUNG}}}\n", (), "bad", False, "ID 3 is reported only if panels.ids lists it: a p"),
+        (f"format: 1\npanels: {{3: {HUNG}}}\n", ("panels.ids=[3]",), "ok", False, ""),
+    ],
+    ids=["sound", "broken", "no such word", "not reported", "listed"],
 )
-def test_the_map_is_read_as_the_daemon_reads_it(tmp_path: Path, content: str, state: str) -> None:
-    """A broken one stops the daemon, and so it does the doctor."""
+def test_the_map_is_read_as_the_daemon_reads_it(
+    tmp_path: Path, content: str, settings: tuple[str, ...], state: str, stops: bool, said: str
+) -> None:
+    """A broken one stops the daemon; a panel that no camera can read, or that is not reported, is named."""
     (tmp_path / "markers.yaml").write_text(content)
-    given = (*NO_CAMERA, f"map={tmp_path / 'markers.yaml'}")
+    given = (*NO_CAMERA, f"map={tmp_path / 'markers.yaml'}", *settings)
     found = next(finding for finding in examine(load_config(None, given)) if finding.name == "map")
-    assert (found.state, found.stops_daemon) == (state, state == "bad")
-
-
-def test_a_panel_in_the_map_that_no_camera_can_read_is_named(tmp_path: Path) -> None:
-    """DICT_4X4_50 has no word 50; the others are found all the same, so the daemon runs."""
-    hung = "{position_m: [4, 1, 1.5], yaw_deg: 180}"
-    (tmp_path / "markers.yaml").write_text(f"format: 1\npanels: {{49: {hung}, 50: {hung}}}\n")
-    given = (*NO_CAMERA, f"map={tmp_path / 'markers.yaml'}")
-    found = next(finding for finding in examine(load_config(None, given)) if finding.name == "map")
-    assert (found.state, found.stops_daemon) == ("bad", False)
-    assert found.said.startswith("50 in ")
-    assert found.said.endswith("DICT_4X4_50 has IDs 0 to 49")
-
-
-def test_a_panel_in_the_map_that_is_not_reported_is_named(tmp_path: Path) -> None:
-    """A part of another panel can look like 3, until panels.ids says that there is one."""
-    (tmp_path / "markers.yaml").write_text("format: 1\npanels: {3: {position_m: [4, 1, 1.5], yaw_deg: 180}}\n")
-    given = (*NO_CAMERA, f"map={tmp_path / 'markers.yaml'}")
-    alone, listed = (
-        next(finding for finding in examine(load_config(None, (*given, *ids))) if finding.name == "map")
-        for ids in ((), ("panels.ids=[3]",))
-    )
-    assert (alone.state, alone.stops_daemon, listed.state) == ("bad", False, "ok")
-    assert (
-        "ID 3 is reported only if panels.ids lists it: a part or a reflection of a panel can look the same"
-        in alone.said
-    )
+    assert (found.state, found.stops_daemon) == (state, stops)
+    assert said in found.said
 
 
 @pytest.mark.parametrize(
@@ -184,14 +172,10 @@ def test_a_missing_controller_does_not_stop_the_daemon(tmp_path: Path) -> None:
     assert not findings["serial port"].stops_daemon
 
 
-def test_a_line_has_its_mark_its_name_and_its_remedy() -> None:
-    """The remedy on a line of its own."""
-    assert line(bad("disk", "full", "delete")) == "✗ disk               full\n                     → delete"
-
-
 def test_the_last_line_says_what_the_daemon_would_not_do_well() -> None:
-    """One ✗ that does not stop it is no reason to say that all is well."""
+    """One ✗ that does not stop it is no reason to say that all is well; a remedy has a line of its own."""
     port, disk = bad("serial port", "no such file", "set it"), bad("disk", "full", "delete", stops_daemon=True)
+    assert line(disk) == "✗ disk               full\n                     → delete"
     assert verdict([ok("camera", "there")]) == "`ledpi run` would run"
     assert verdict([ok("camera", "there"), port]) == "`ledpi run` would run, but see to its ✗: serial port"
     assert verdict([port, disk]) == "`ledpi run` would not run: disk"
@@ -200,49 +184,37 @@ def test_the_last_line_says_what_the_daemon_would_not_do_well() -> None:
 # ---- The camera
 
 
-def test_an_exposure_that_the_camera_cannot_do_is_not_confirmed() -> None:
-    """10 µs are asked for, and a camera of this kind exposes for four rows at least."""
-    findings = examine(load_config(None, ("camera.source=simulated", "camera.exposure_us=10")))
+@pytest.mark.parametrize(
+    ("settings", "state", "said"),
+    [
+        (("camera.exposure_us=10",), "bad", "the camera exposes for 135 µs, where 10 µs were asked for"),  # four rows
+        ((), "ok", "9967 µs of 10000 µs asked for"),  # 296 rows
+    ],
+)
+def test_an_exposure_of_whole_rows_is_what_was_asked_for(settings: tuple[str, ...], state: str, said: str) -> None:
+    findings = examine(load_config(None, ("camera.source=simulated", *settings)))
     found = next(finding for finding in findings if finding.name == "exposure")
-    assert (found.state, found.said) == ("bad", "the camera exposes for 135 µs, where 10 µs were asked for")
+    assert (found.state, found.said) == (state, said)
 
 
-def test_an_exposure_of_whole_rows_is_what_was_asked_for() -> None:
-    """Makes 296 rows of 10 ms."""
-    findings = examine(load_config(None, ("camera.source=simulated",)))
-    found = next(finding for finding in findings if finding.name == "exposure")
-    assert (found.state, found.said) == ("ok", "9967 µs of 10000 µs asked for")
-
-
-def test_a_frequency_near_a_null_is_named() -> None:
-    """At 10 ms, 1200.3 Hz is 11.97 cycles: hardly a band is left."""
-    config = load_config(None, ("panels.side_m=0.16", "panels.black_hz=1204"))
-    found = camera.frequencies(config, INFO)
-    assert found.state == "bad"
-    assert "1204 Hz all but vanishes" in found.said
-
-
-def test_a_frame_period_that_freezes_the_bands_is_named() -> None:
-    """504 rows of 31.748 µs are 20.00 cycles of 1250 Hz; over 509 both classes move."""
+def test_frequencies_that_the_exposure_or_the_frame_period_spoils_are_named() -> None:
+    """At 10 ms 1204 Hz leave hardly a band; 504 rows of 31.748 µs are 20.00 cycles of 1250 Hz, over 509 both move."""
     config = load_config(None, ("panels.side_m=0.16",))
     assert camera.frequencies(config, INFO).state == "ok"
     found = camera.frequencies(config, replace(INFO, frame_length_rows=504))
     assert "1250 Hz hardly moves from frame to frame" in found.said
+    found = camera.frequencies(load_config(None, ("panels.side_m=0.16", "panels.black_hz=1204")), INFO)
+    assert (found.state, "1204 Hz all but vanishes" in found.said) == ("bad", True)
 
 
-def test_a_lens_that_is_none_is_seen() -> None:
-    """The OV5647's is one; a focal length of ten picture widths is not, nor a centre in the corner."""
+def test_a_lens_that_is_none_is_seen(tmp_path: Path) -> None:
+    """The OV5647's is one; ten picture widths of focal length are not, nor a centre in the corner, nor no lens."""
     lens = ov5647_lens()
     assert camera.plausible(lens, Path("camera.yaml")).state == "ok"
     assert camera.plausible(replace(lens, fx=6400.0, fy=6400.0), Path("camera.yaml")).state == "bad"
     assert camera.plausible(replace(lens, cx=20.0), Path("camera.yaml")).state == "bad"
-
-
-def test_a_broken_calibration_stops_the_daemon(tmp_path: Path) -> None:
-    """As `run` would not start with it."""
     (tmp_path / "camera.yaml").write_text("nothing")
-    config = load_config(None, ("panels.side_m=0.16", f"camera.intrinsics={tmp_path}/camera.yaml"))
-    found = camera.intrinsics(config, None)
+    found = camera.intrinsics(load_config(None, (*NO_CAMERA, f"camera.intrinsics={tmp_path}/camera.yaml")), None)
     assert (found.state, found.stops_daemon) == ("bad", True)
 
 
@@ -319,14 +291,24 @@ def test_a_clock_that_was_never_set_is_seen() -> None:
     assert machine.clock(1_800_000_000).state == "ok"
 
 
-def test_a_package_that_cannot_be_imported_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """With the reason that Python gives, from a process of its own."""
-    (tmp_path / "libcamera.py").write_text("raise ValueError('numpy.dtype size changed')")
+@pytest.mark.parametrize(
+    ("package", "wait_s", "said", "remedy"),
+    [
+        ("raise ValueError('numpy.dtype size changed')", 60.0, "numpy.dtype size changed", "scripts/install"),
+        ("import time; time.sleep(60)", 0.2, "no answer within 0.2 s", ""),
+    ],
+)
+def test_a_package_that_cannot_be_imported_stops_the_daemon(
+    package: str, wait_s: float, said: str, remedy: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """With the reason that Python gives, from a process of its own; one that hangs would hang the daemon, too."""
+    (tmp_path / "libcamera.py").write_text(package)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(machine, "IMPORT_S", wait_s)
     found = machine.picamera2()
     assert (found.state, found.stops_daemon) == ("bad", True)
-    assert "numpy.dtype size changed" in found.said
-    assert "scripts/install" in found.remedy
+    assert said in found.said
+    assert remedy in found.remedy
 
 
 @pytest.mark.parametrize(("tool", "said"), [("exec sleep 600", "no answer within 2 s"), ("", "vcgencmd said")])
@@ -341,15 +323,6 @@ def test_a_tool_that_hangs_or_says_nothing_does_not_hold_the_page_up(
     found = machine.throttling()
     assert found.state == "unknown"
     assert said in found.said
-
-
-def test_an_import_that_hangs_stops_the_daemon(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """As one that fails: the daemon would hang there too."""
-    (tmp_path / "libcamera.py").write_text("import time; time.sleep(60)")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(machine, "IMPORT_S", 0.2)
-    found = machine.picamera2()
-    assert (found.state, found.stops_daemon, found.said) == ("bad", True, "no answer within 0.2 s")
 
 
 def test_a_full_disk_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,7 +99,7 @@ def test_a_run_goes_on_where_it_was_broken_off() -> None:
 
 
 def test_other_settings_go_to_another_folder() -> None:
-    """Results of two kinds are never mixed, nor is anything else written over."""
+    """Results of two kinds are never mixed, nor is anything else written over; a run without any blocks nothing."""
     run("evaluate", "--out", "out", *SMALL, "--method", "aruco")
     with pytest.raises(ConfigError, match=r"out/settings\.json: seed: the results here are of 1, asked for is 2"):
         run("evaluate", "--out", "out", *SMALL, "--method", "aruco", "--seed", "2")
@@ -107,11 +107,6 @@ def test_other_settings_go_to_another_folder() -> None:
     Path("mine/thesis.txt").write_text("do not touch", encoding="utf-8")
     with pytest.raises(ConfigError, match="--out mine: holds other things"):
         run("evaluate", "--out", "mine", *SMALL)
-
-
-def test_a_run_that_ended_before_its_first_unit_blocks_nothing() -> None:
-    """Its folder has no results that others could be mixed with."""
-    run("evaluate", "--out", "out", *SMALL, "--method", "aruco")
     for path in Path("out").iterdir():
         if path.name != "settings.json":
             path.unlink()
@@ -220,7 +215,7 @@ def test_where_oscillators_are_off_frequencies_are_sought(case: str, searched: b
 
 @pytest.mark.parametrize("changed", ["reading.py", "kernels/loop.c", "kernels/loop.h"])
 def test_code_that_changes_results_changes_the_code_version(tmp_path: Path, changed: str) -> None:
-    """A run that was broken off does not go on with other Python code, nor with other compiled loops."""
+    """A run does not go on with other Python code or compiled loops, nor does a worker with other code help."""
     sources = {tmp_path / name: b"" for name in ("reading.py", "kernels/loop.c", "kernels/loop.h", "kernels/loop.so")}
     (tmp_path / "kernels").mkdir()
     for path, text in sources.items():
@@ -230,10 +225,6 @@ def test_code_that_changes_results_changes_the_code_version(tmp_path: Path, chan
     assert source_digest(tmp_path) == before
     (tmp_path / changed).write_bytes(b"changed")
     assert source_digest(tmp_path) != before
-
-
-def test_a_worker_with_other_code_is_refused() -> None:
-    """Its results would not be ours."""
     with pytest.raises(ConfigError, match="a worker runs other code"):
         run_unit(replace(UNIT, code="another"))
 
@@ -343,6 +334,7 @@ def test_a_take_becomes_a_recording_to_look_at() -> None:
         (("--id", "7"), "--id: goes with --recording"),
         (("--take", "0"), "--take: is of one condition, asked for are 30"),
         (("--set", "panels.colour=red"), "panels.colour"),
+        (("--suite", "decoys", "--method", "aruco"), "--method aruco: prints are for "),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(arguments: tuple[str, ...], message: str) -> None:
@@ -352,12 +344,6 @@ def test_what_cannot_be_is_said_in_one_line(arguments: tuple[str, ...], message:
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
     assert not Path("out/results.csv").exists()
-
-
-def test_prints_are_no_decoys() -> None:
-    """A method is refused where its suite has nothing for it."""
-    with pytest.raises(ConfigError, match=r"--method aruco: prints are for .* wild, not for decoys"):
-        run("evaluate", "--suite", "decoys", "--method", "aruco")
 
 
 def test_a_scheduler_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
