@@ -7,41 +7,55 @@ are taken; what it does not say (row time, exposure, panels) the configuration m
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
 
+from ledpi.bags.bounds import memory_bounded
+from ledpi.bags.contents import Compressed, Image, Info, Text, checked, lens_of_info, luma_of_compressed, luma_of_image
 from ledpi.bags.names import FRAME, IMAGE, METADATA, TRUTH
 from ledpi.bags.reading import Item, Warn, messages
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
+from ledpi.config.values import MAX_SIDE_PX
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
 from ledpi.core.files import not_written
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, Pixels
-from ledpi.core.wording import shortened_name
-from ledpi.recording.format import FRAMES_FILE, HEADER_FILE, TRUTH_FILE, FrameLine
+from ledpi.core.wording import shortened
+from ledpi.markers.dictionaries import is_file
+from ledpi.recording.format import (
+    FRAMES_FILE,
+    HEADER_FILE,
+    MAX_LINE,
+    TRUTH_FILE,
+    FrameLine,
+    TruthLine,
+    read_header,
+)
 from ledpi.recording.writer import RecordingWriter
 from ledpi.ros.contents import CAMERA_INFO, COMPRESSED_IMAGE
 
 IMAGES = {"sensor_msgs/msg/Image", COMPRESSED_IMAGE}
-GREY = {"mono8", "8UC1"}
+Line = TypeVar("Line", FrameLine, TruthLine)
 NO_LENS = "has no camera info: the recording has no lens, and gives IDs without poses; or set camera.intrinsics"
 
 
 def import_bag(config: Config, path: Path, out: Path, topic: str | None, warn: Warn) -> Iterator[int]:
     """Writes the recording, and yields after each frame how many there are. Raises LedpiError."""
-    items = messages(path, warn)
-    first = next(items, None)
-    if first is None:
-        raise RecordingError(f"{path}: is empty: it holds no message")
-    if first.topic == METADATA and not first.type:
-        yield from _restore(first.read(), items, path, out)
-    else:
-        yield from _write(config, _pictures(_with_first(first, items), path, topic), path, out, warn)
+    with memory_bounded(path):
+        items = messages(path, warn)
+        first = next(items, None)
+        if first is None:
+            raise RecordingError(f"{path}: is empty: it holds no message")
+        if first.topic == METADATA and not first.type:
+            yield from _restore(first.read(), items, path, out)
+        else:
+            yield from _write(config, _pictures(_with_first(first, items), path, topic), path, out, warn)
 
 
 def _with_first(first: Item, items: Iterator[Item]) -> Iterator[Item]:
@@ -58,21 +72,24 @@ def _restore(words: dict[str, str], items: Iterator[Item], path: Path, out: Path
     png, count = b"", 0
     with _new(out / FRAMES_FILE) as frames:
         for item in items:
-            if item.topic == IMAGE:
-                png = item.read().data.tobytes()
+            if item.topic == IMAGE and item.type == COMPRESSED_IMAGE:
+                png = checked(Compressed, item.read(), f"{path}: {IMAGE}").data.tobytes()
             elif item.topic == FRAME:
-                text = item.read().data
-                _put(out / _checked(text, path).file, png)
+                text = _line(item, path)
+                _put(_inside(out, _parsed(text, FrameLine, path).file, path), png)
                 frames.write(f"{text}\n".encode())
                 count += 1
                 yield count
             elif item.topic == TRUTH:
+                text = _line(item, path)
+                _parsed(text, TruthLine, path)
                 with (out / TRUTH_FILE).open("ab") as truth:
-                    truth.write(f"{item.read().data}\n".encode())
+                    truth.write(f"{text}\n".encode())
 
 
 def _begin(out: Path, words: dict[str, str], path: Path) -> None:
-    if HEADER_FILE not in words or any(Path(name).name != name for name in words):
+    """Makes the folder, with a header that can be read; else nothing is left of it."""
+    if HEADER_FILE not in words or any(not _is_name(name) for name in words):
         raise RecordingError(f"{path}: its metadata {METADATA} is not of a recording")
     _check_new(out)
     try:
@@ -81,18 +98,46 @@ def _begin(out: Path, words: dict[str, str], path: Path) -> None:
         raise not_written(out, error, RecordingError) from None
     for name, text in words.items():
         _put(out / name, text.encode())
-
-
-def _checked(text: str, path: Path) -> FrameLine:
-    """Names no file outside the recording."""
     try:
-        return FrameLine.model_validate(json.loads(text))
-    except ValueError:
-        raise RecordingError(f"{path}: {FRAME}: holds what is no line of {FRAMES_FILE}") from None
+        read_header(out / HEADER_FILE)
+    except LedpiError as error:
+        for name in words:
+            (out / name).unlink()
+        raise RecordingError(f"{path}: {str(error).removeprefix(f'{out}/')}") from None
+
+
+def _is_name(name: str) -> bool:
+    """Tells whether it names a file in a folder: of its own there are only a header and a dictionary."""
+    return name == HEADER_FILE or (Path(name).name == name and is_file(name) and name.isprintable())
+
+
+def _inside(out: Path, name: str, path: Path) -> Path:
+    """A picture's file. Nothing in a folder that this has made leads out of it."""
+    if not name.isprintable() or len(PurePosixPath(name).parts) > 2 or not name.endswith(".png"):
+        raise RecordingError(f"{path}: {FRAME}: {shortened(name)} must be a name as frames/000000.png")
+    return out / name
+
+
+def _line(item: Item, path: Path) -> str:
+    text = checked(Text, item.read(), f"{path}: {item.topic}").data
+    if len(text) > MAX_LINE or "\n" in text:
+        raise RecordingError(f"{path}: {item.topic}: must be lines of at most {MAX_LINE:,} characters")
+    return text
+
+
+def _parsed(text: str, model: type[Line], path: Path) -> Line:
+    try:
+        return model.model_validate(json.loads(text))
+    except (ValueError, RecursionError):
+        name = FRAME if model is FrameLine else TRUTH
+        raise RecordingError(f"{path}: {name}: holds what is no line of a recording") from None
 
 
 def _put(path: Path, data: bytes) -> None:
-    path.parent.mkdir(exist_ok=True)
+    try:
+        path.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        raise not_written(path.parent, error, RecordingError) from None
     with _new(path) as file:
         file.write(data)
 
@@ -144,18 +189,18 @@ class Picture:
 def _pictures(items: Iterator[Item], path: Path, topic: str | None) -> Iterator[Picture]:
     """Yields those of one topic. The lens is the last that was told before the first picture."""
     seen: set[str] = set()
-    lens: Intrinsics | None = None
+    infos: dict[str, Info] = {}
     last_ns: int | None = None
     for item in items:
-        if item.type == CAMERA_INFO:
-            lens = _lens(item.read()) or lens
+        if item.type == CAMERA_INFO and last_ns is None:
+            infos[item.topic] = checked(Info, item.read(), f"{path}: {item.topic}")
         if item.type not in IMAGES:
             continue
         seen.add(item.topic)
         if topic is None and len(seen) > 1:
             raise RecordingError(f"{path}: has pictures on several topics; --topic {' or '.join(sorted(seen))}")
         if topic is None or item.topic == topic:
-            picture = _picture(item.read(), lens, f"{path}: {item.topic}")
+            picture = _picture(item, {} if last_ns is not None else infos, path)
             if last_ns is not None and picture.time_ns <= last_ns:
                 raise RecordingError(
                     f"{path}: {item.topic}: header stamps must increase from picture to picture, and {picture.time_ns} "
@@ -168,51 +213,29 @@ def _pictures(items: Iterator[Item], path: Path, topic: str | None) -> Iterator[
         raise RecordingError(f"{path}: has no pictures on {topic}; it has: {there}")
 
 
-def _picture(message: Any, lens: Intrinsics | None, where: str) -> Picture:
-    stamp = message.header.stamp
-    return Picture(pixels=_pixels(message, where), time_ns=stamp.sec * 1_000_000_000 + stamp.nanosec, lens=lens)
+def _picture(item: Item, infos: Mapping[str, Info], path: Path) -> Picture:
+    message, where = item.read(), f"{path}: {item.topic}"
+    if item.type == COMPRESSED_IMAGE:
+        coded = checked(Compressed, message, where)
+        stamp, pixels = coded.header.stamp, luma_of_compressed(coded, where)
+    else:
+        image = checked(Image, message, where)
+        stamp, pixels = image.header.stamp, luma_of_image(image, where)
+    return Picture(pixels=pixels, time_ns=stamp.time_ns, lens=_lens(item.topic, infos, pixels, path))
 
 
-def _pixels(message: Any, where: str) -> Pixels:
-    if hasattr(message, "format"):
-        picture = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED) if message.data.size else None
-        if picture is None:
-            raise RecordingError(f"{where}: holds a picture that cannot be decoded (format {message.format!r})")
-        if picture.ndim != 2 or picture.dtype != np.uint8:
-            raise _not_grey(where, f"{picture.shape} {picture.dtype}")
-        return np.asarray(picture, np.uint8)
-    if message.encoding not in GREY:
-        raise _not_grey(where, shortened_name(message.encoding) or "of no encoding")
-    if not message.data.size or message.data.size != message.height * message.step or message.step < message.width:
-        raise RecordingError(f"{where}: holds a picture whose size is not as it says")
-    return np.ascontiguousarray(message.data.reshape(message.height, message.step)[:, : message.width])
-
-
-def _not_grey(where: str, what: str) -> RecordingError:
-    return RecordingError(
-        f"{where}: is {what}; must be 8-bit grey (mono8): bag the camera's mono image, as colours are mixed of several "
-        "rows"
-    )
-
-
-def _lens(info: Any) -> Intrinsics | None:
-    """None where the camera is not calibrated, which ROS says by zeros. Raises RecordingError for other lens models."""
-    k, d = [float(number) for number in getattr(info, "k", getattr(info, "K", ()))], list(getattr(info, "d", ()))
-    if not k or k[0] == 0:
-        return None
-    if info.distortion_model not in ("", "plumb_bob"):
-        raise RecordingError(
-            f"camera info: the lens model is {info.distortion_model}; must be plumb_bob: set camera.intrinsics instead"
-        )
-    k1, k2, p1, p2, k3 = ([float(number) for number in d] + [0.0] * 5)[:5]
-    return Intrinsics(
-        width=info.width, height=info.height, fx=k[0], fy=k[4], cx=k[2], cy=k[5], distortion=(k1, k2, p1, p2, k3)
-    )
+def _lens(topic: str, infos: Mapping[str, Info], pixels: Pixels, path: Path) -> Intrinsics | None:
+    """That of the topic's own camera (`/cam/image_raw` and `/cam/camera_info`); of a single other one, where it is."""
+    own = [name for name in infos if name.count("/") > 1 and topic.startswith(name.rpartition("/")[0] + "/")]
+    names = sorted(own, key=len)[-1:] or (list(infos) if len(infos) == 1 else [])
+    height, width = pixels.shape
+    return next((lens_of_info(infos[name], width, height, f"{path}: {name}") for name in names), None)
 
 
 def import_video(config: Config, path: Path, out: Path, warn: Warn) -> Iterator[int]:
     """As `import_bag`. The pictures' times are the video's own. Raises LedpiError."""
-    yield from _write(config, _of_video(path), path, out, warn)
+    with memory_bounded(path):
+        yield from _write(config, _of_video(path), path, out, warn)
 
 
 def _of_video(path: Path) -> Iterator[Picture]:
@@ -221,13 +244,18 @@ def _of_video(path: Path) -> Iterator[Picture]:
     video = cv2.VideoCapture(str(path))
     if not video.isOpened():
         raise RecordingError(f"{path}: cannot be read as a video; is it whole? One that was cut off has no index")
-    last_ns, period_ns = -1, round(1e9 / (video.get(cv2.CAP_PROP_FPS) or 30.0))
+    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # rows as the sensor read them, however the phone was held
+    if max(video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) > MAX_SIDE_PX:
+        raise RecordingError(f"{path}: has pictures of more than {MAX_SIDE_PX} pixels a side; must be smaller")
+    rate_hz = video.get(cv2.CAP_PROP_FPS)
+    last_ns, period_ns = -1, round(1e9 / (rate_hz if 0.001 < rate_hz < 1e6 else 30.0))
     try:
         while True:
             there, picture = video.read()
             if not there:
                 return
-            time_ns = round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+            at_ms = video.get(cv2.CAP_PROP_POS_MSEC)
+            time_ns = round(at_ms * 1e6) if math.isfinite(at_ms) else -1
             last_ns = time_ns = time_ns if time_ns > last_ns else last_ns + period_ns
             grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
             yield Picture(pixels=np.asarray(grey, np.uint8), time_ns=time_ns, lens=None)

@@ -5,7 +5,6 @@ Each value carries the time at which its pose was true, on NetworkTables' clock,
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -112,7 +111,7 @@ def _publish_pose(topic: Any, options: Any) -> Any:
 
 
 def _publish_photon(topic: Any, options: Any) -> Any:
-    return topic.publishEx(photon.TYPE, json.dumps(photon.PROPERTIES), options)
+    return topic.publishEx(photon.TYPE, photon.PROPERTIES, options)
 
 
 def _nt_time(exposed_ns: int, now_ns: int) -> int:

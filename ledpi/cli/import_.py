@@ -22,9 +22,9 @@ def import_(
 ) -> None:
     """A bag or a video as a recording, for `ledpi decode`.
 
-    A bag from `ledpi export` or `ledpi record OUT.mcap` becomes the recording that it was. Other bags must hold 8-bit
-    grey pictures; row time, exposure, tone and panels then come from the configuration. Video compression removes
-    much of the bands.
+    A bag from `ledpi export` or `ledpi record OUT.mcap` becomes the recording that it was. Of other bags the
+    pictures' luma is taken; row time, exposure, tone and panels then come from the configuration. Video compression
+    removes much of the bands.
 
     Example: ledpi import kitchen.mcap takes/kitchen
     """

@@ -45,7 +45,7 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
     """
     form = read_lens_form(path)
     try:
-        lens = _intrinsics(form)
+        lens = lens_of_form(form)
     except CalibrationError as error:
         key, colon, rest = str(error).partition(":")
         name, dot, place = key.partition(".")
@@ -62,8 +62,8 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
     return lens
 
 
-def _intrinsics(form: LensForm) -> Intrinsics:
-    """Raises CalibrationError, which begins with the key."""
+def lens_of_form(form: LensForm) -> Intrinsics:
+    """The lens that a form holds. Raises CalibrationError, which begins with the key."""
     try:
         info = _CameraInfo.model_validate(form.values)
     except ValidationError as error:

@@ -81,6 +81,11 @@ def read_lens_form(path: Path) -> LensForm:
     return LensForm(values, names, model)
 
 
+def lens_form(values: dict[str, Any], names: dict[str, str], model: str, where: object) -> LensForm:
+    """The form of values by ROS's keys. Raises CalibrationError for a model that is not known."""
+    return LensForm(values, names, _model({"distortion_model": model}, where))
+
+
 def of_model(model: DistortionModel | None, values: Sequence[float]) -> tuple[DistortionModel, tuple[float, ...]]:
     """The model with its coefficients, of as many as are given: zeros behind them do not matter.
 
@@ -207,7 +212,7 @@ def _matrix(value: Any) -> Any:
     return numbers
 
 
-def _model(given: Mapping[str, Any], path: Path) -> DistortionModel | None:
+def _model(given: Mapping[str, Any], path: object) -> DistortionModel | None:
     found: dict[DistortionModel, str] = {}
     for key, value in given.items():
         number = isinstance(value, float) and value.is_integer()

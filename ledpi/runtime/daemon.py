@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import logging
 import threading
 import time
@@ -38,7 +37,7 @@ from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.status import status
 from ledpi.runtime.systemd import notify
 from ledpi.runtime.tapping import RecentPackets, health, setup_of
-from ledpi.runtime.threads import keep_memory, switch_promptly
+from ledpi.runtime.threads import keep_for_good, keep_memory, switch_promptly
 from ledpi.runtime.watchdog import Watchdog
 from ledpi.runtime.workers import Workers
 from ledpi.tap.server import Tap
@@ -143,7 +142,7 @@ class Daemon:
         """
         switch_promptly()
         keep_memory()
-        gc.freeze()  # what start-up has made, and stays: looking through it for garbage took 15 ms, now and then
+        keep_for_good()
         if self._calibrated is None:
             _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")
         self._publisher.set_status(STARTING)

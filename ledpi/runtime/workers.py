@@ -13,13 +13,17 @@ Loop = Callable[[], None]
 
 
 class Workers:
-    """A thread for each loop, which must end soon once `stop` is set. It is set, too, where one fails."""
+    """A thread for each loop, which must end soon once `stop` is set. It is set, too, where one fails.
+
+    A thread forgets its loop at its end, and nothing else here knows it: whoever's methods the loops are is free then.
+    """
 
     def __init__(self, *loops: Loop) -> None:
         self.stop = threading.Event()
         self.failure: BaseException | None = None  # the first
         self._threads = {
-            loop: threading.Thread(target=self._guard, args=(loop,), name=_name(loop), daemon=True) for loop in loops
+            _name(loop): threading.Thread(target=self._guard, args=(loop,), name=_name(loop), daemon=True)
+            for loop in loops
         }
 
     def start(self) -> None:
@@ -29,7 +33,7 @@ class Workers:
 
     def join(self, loop: Loop) -> bool:
         """Waits for a worker, a moment at most, and tells whether it is at its end; one that never began is."""
-        thread = self._threads[loop]
+        thread = self._threads[_name(loop)]
         if thread.ident is not None:
             thread.join(JOIN_S)
         return not thread.is_alive()

@@ -6,6 +6,7 @@ import os
 import select
 import socket
 import time
+import weakref
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -17,15 +18,37 @@ MOST_FOLLOWERS = 64
 _REFUSED_S = 0.1  # after which a connection is tried again that the system had no descriptor for
 
 
-class Crowd:
-    """Used by the server's thread only. `bell`: an eventfd that ends `wait`."""
+class Bell:
+    """Ends a `wait`, from any thread. It closes once nobody has it: before, its number might become another file's."""
 
-    def __init__(self, listening: Listening, bell: int) -> None:
+    def __init__(self) -> None:
+        self._fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        weakref.finalize(self, os.close, self._fd).atexit = False
+
+    def fileno(self) -> int:
+        """For poll."""
+        return self._fd
+
+    def ring(self) -> None:
+        """Never waits."""
+        with suppress(OSError):
+            os.eventfd_write(self._fd, 1)
+
+    def silence(self) -> None:
+        """After it has rung, or not."""
+        with suppress(BlockingIOError):
+            os.eventfd_read(self._fd)
+
+
+class Crowd:
+    """Used by the server's thread only. `bell` ends `wait`."""
+
+    def __init__(self, listening: Listening, bell: Bell) -> None:
         self._listening, self._bell = listening, bell
         self._followers: dict[int, Follower] = {}
         self._events: dict[int, int] = {}
         self._epoll = select.epoll()
-        for fd in (listening.socket.fileno(), bell):
+        for fd in (listening.socket.fileno(), bell.fileno()):
             self._epoll.register(fd, select.EPOLLIN)
 
     def __iter__(self) -> Iterator[Follower]:
@@ -39,9 +62,8 @@ class Crowd:
         if any(follower.has_request for follower in self):
             seconds = 0.0
         for fd, events in self._epoll.poll(seconds):
-            if fd == self._bell:
-                with suppress(BlockingIOError):
-                    os.eventfd_read(self._bell)
+            if fd == self._bell.fileno():
+                self._bell.silence()
             elif fd == self._listening.socket.fileno():
                 self._welcome()
             elif events & (select.EPOLLHUP | select.EPOLLERR) or (
@@ -54,8 +76,7 @@ class Crowd:
         poll = select.poll()
         poll.register(self._bell, select.POLLIN)
         if poll.poll(1e3 * seconds):
-            with suppress(BlockingIOError):
-                os.eventfd_read(self._bell)
+            self._bell.silence()
 
     def requests(self) -> Iterator[tuple[Follower, Request]]:
         """Yields what clients ask, one line of each. What is no request is answered here."""

@@ -7,12 +7,10 @@ appends to a queue that drops its oldest, and copies the picture of a frame for 
 from __future__ import annotations
 
 import logging
-import os
 import threading
 import time
 from collections import deque
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -22,7 +20,7 @@ from ledpi.core.wording import one_line
 from ledpi.pipeline.trace import Trace
 from ledpi.tap import messages
 from ledpi.tap.commands import Command, Commands
-from ledpi.tap.crowd import Crowd
+from ledpi.tap.crowd import Bell, Crowd
 from ledpi.tap.faults import Faults
 from ledpi.tap.follower import Follower
 from ledpi.tap.listening import Listening
@@ -60,10 +58,9 @@ class Tap:
         """Listens at once; clients hear of something once it is started and a daemon begins. Raises ConfigError."""
         self.path = path
         self._listening = Listening(path)
-        # Never closed: its number might be another file's by the time that somebody rings.
-        self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._bell = Bell()
         self._crowd = Crowd(self._listening, self._bell)
-        self._commands = Commands(self._ring)
+        self._commands = Commands(self._bell.ring)
         self._faults = Faults()
         self._closing = self._followed = False
         self._setup: Setup | None = None
@@ -84,7 +81,7 @@ class Tap:
     def begin(self, setup: Setup) -> None:
         """A daemon begins: all followers get its hello."""
         self._setup = setup
-        self._ring()
+        self._bell.ring()
 
     def offer(self, do: Do, command: Command | None) -> None:
         """Sets what is done, in a thread of its own, when one who may says `do`; None: nothing, and it is told so."""
@@ -126,7 +123,7 @@ class Tap:
                 trace=None if pixels is None else trace,
             )
         )
-        self._ring()
+        self._bell.ring()
 
     def _is_wanted(self, trace: Trace | None) -> bool:
         """Tells whether a frame that left this trace answers those who wait for a picture."""
@@ -141,20 +138,16 @@ class Tap:
     def tell(self, health: Mapping[str, Any]) -> None:
         """The state of things; once a second."""
         self._health = dict(health)
-        self._ring()
+        self._bell.ring()
 
     def close(self) -> None:
         """Ends the thread and takes the socket away. Safe to call twice."""
         self._closing = True
         if self._thread.ident is not None:
-            self._ring()
+            self._bell.ring()
             self._thread.join(_JOIN_S)
         self._faults.close()
         self._listening.close()
-
-    def _ring(self) -> None:
-        with suppress(OSError):
-            os.eventfd_write(self._bell, 1)
 
     def _run(self) -> None:
         try:

@@ -129,6 +129,10 @@ def holds(process: subprocess.Popen[str]) -> tuple[int, int]:
     return len([*(there / "task").iterdir()]), len([*(there / "fd").iterdir()])
 
 
+def memory_kb(process: subprocess.Popen[str]) -> int:
+    return int(Path(f"/proc/{process.pid}/status").read_text().split("VmRSS:")[1].split()[0])
+
+
 def ended_in_time(process: subprocess.Popen[str]) -> Ended:
     ended = end(process, signal.SIGTERM)
     assert ended.status == 0
@@ -166,6 +170,20 @@ def test_bad_files_change_nothing(tmp_path: Path) -> None:
         # One may be open for a moment only.
         wait_until(lambda: all(now <= then for now, then in zip(holds(process), before, strict=True)))
         ended_in_time(process)
+
+
+def test_reloads_leave_nothing_behind(tmp_path: Path) -> None:
+    """Each with another socket for the tap: threads, descriptors (one may be open for a moment), memory: 10 MB each."""
+    file, held = tmp_path / "config.yaml", []
+    with running(tmp_path) as (process, _):
+        text = file.read_text()
+        for number in range(25):
+            file.write_text(f"{text}tap: {{socket: {tmp_path}/{number}}}\n")
+            process.send_signal(signal.SIGHUP)
+            wait_for_log(process, f"tap={tmp_path}/{number}")
+            held.append((*holds(process), memory_kb(process)))
+    assert all(now <= then + 1 for now, then in zip(held[-1][:2], held[5][:2], strict=True))
+    assert held[-1][2] < held[5][2] + 30_000
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import os
 import random
 import resource
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -15,9 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import lz4.frame
 import numpy as np
 import pytest
 import yaml
+import zstandard
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap_ros2")
@@ -31,7 +34,9 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from ledpi.bags.contents import Image, Info, checked, lens_of_info, luma_of_image
 from ledpi.bags.reading import messages
+from ledpi.core.errors import RecordingError
 from ledpi.recording.reader import load_recording
 from tests.builders import ROOT
 from tests.builders.command import LEDPI, Run, in_process, ledpi
@@ -172,8 +177,6 @@ def foreign_bag(folder: Path, take: Path, *, encoding: str = "mono8", info: bool
         for entry in recording.frames:
             picture = cv2.imread(str(entry.picture), cv2.IMREAD_UNCHANGED)
             assert picture is not None
-            if encoding == "bgr8":
-                picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
             time_ns = entry.row0_readout_ns + 10**18
             stamp = kinds["builtin_interfaces/msg/Time"](*divmod(time_ns, 10**9))
             header = kinds["std_msgs/msg/Header"](stamp, "cam")
@@ -215,11 +218,11 @@ def refused(run: Run, *arguments: object) -> str:
 
 
 def test_what_a_bag_cannot_give_is_one_line(take: Path, tmp_path: Path, run: Run) -> None:
-    """Colours, several cameras, no row time, no such topic, no bag at all."""
-    colour = foreign_bag(tmp_path / "colour", take, encoding="bgr8")
+    """A mosaic of colours, several cameras, no row time, no such topic, no bag at all."""
+    mosaic = foreign_bag(tmp_path / "mosaic", take, encoding="bayer_rggb8")
     two = foreign_bag(tmp_path / "two", take, topics=2)
     out, second = tmp_path / "out", ("--topic", "/cam1/image_raw")
-    assert "/cam0/image_raw: is bgr8; must be 8-bit grey (mono8)" in refused(run, colour, out, *OWN_ROW_TIME)
+    assert "/cam0/image_raw: is bayer_rggb8; must be mono8, mono16, bgr8" in refused(run, mosaic, out, *OWN_ROW_TIME)
     several = refused(run, two, tmp_path / "other", *OWN_ROW_TIME)
     assert "several topics; --topic /cam0/image_raw or /cam1/image_raw" in several
     assert "does not say its row time: add --set camera.row_time_us=33.67" in refused(run, two, out, *second)
@@ -262,12 +265,12 @@ PLAIN = np.full((48, 64), 90, np.uint8)
 LATER = 10**9
 ODD: dict[str, tuple[list[tuple[str, Any]], str]] = {
     "nothing": ([], "is empty: it holds no message"),
-    "no encoding": ([grey(PLAIN, encoding="")], "/cam/image: is of no encoding; must be 8-bit grey"),
-    "unknown encoding": ([grey(PLAIN, encoding="x\ny")], r"/cam/image: is x\ny; must be 8-bit grey"),
-    "16 bits": ([grey(PLAIN, encoding="mono16")], "/cam/image: is mono16; must be 8-bit grey"),
-    "no pixels": ([grey(np.zeros((0, 0), np.uint8))], "holds a picture whose size is not as it says"),
+    "no encoding": ([grey(PLAIN, encoding="")], "/cam/image: is of no encoding; must be mono8"),
+    "unknown encoding": ([grey(PLAIN, encoding="x\ny")], r"/cam/image: is x\ny; must be mono8"),
+    "16 bits": ([grey(PLAIN, encoding="mono16")], "holds a picture whose size is not as it says"),
+    "no pixels": ([grey(np.zeros((0, 0), np.uint8))], "holds a broken message: width: must be greater than or equal"),
+    "a huge PNG": ([compressed(np.zeros((20_000, 20_000), np.uint8))], "holds a picture that cannot be decoded"),
     "too few pixels": ([grey(PLAIN, height=49)], "holds a picture whose size is not as it says"),
-    "compressed colours": ([compressed(cv2.merge([PLAIN] * 3))], "/cam/image: is (48, 64, 3) uint8; must be"),
     "other sizes": (
         [compressed(PLAIN), compressed(PLAIN[:, :32], stamp_ns=LATER)],
         "of several sizes; must be 64 × 48",
@@ -286,6 +289,81 @@ def test_what_a_bag_must_not_hold_is_the_last_line(what: str, tmp_path: Path, ru
     assert status == 2
     assert said in last
     assert all("has no camera info" in line for line in before)
+
+
+TALL = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64)
+LUMA = (TALL % 251).astype(np.uint8)
+CODED = {
+    "mono16": (TALL * 21).view(np.uint8),
+    "bgr8": np.repeat(LUMA, 3, axis=1),
+    "yuv422_yuy2": np.dstack([LUMA, LUMA // 2]).reshape(48, 128),
+    "yuv422": np.dstack([LUMA // 2, LUMA]).reshape(48, 128),
+    "nv21": np.vstack([LUMA, LUMA[:24] // 2]),
+}
+
+
+@pytest.mark.parametrize("encoding", CODED)
+def test_of_colours_the_luma_is_taken(encoding: str) -> None:
+    """As ROS's camera drivers code them; of 16 bits the upper eight."""
+    kind, message = grey(CODED[encoding], encoding=encoding, height=48)
+    message.width = 64
+    wanted = ((TALL * 21) >> 8).astype(np.uint8) if encoding == "mono16" else LUMA
+    np.testing.assert_array_equal(luma_of_image(checked(Image, message, kind), kind), wanted)
+
+
+def info_of(**values: Any) -> Info:
+    """As a driver tells it of the whole sensor: 640 × 480, its centre in the middle."""
+    whole = {"width": 640, "height": 480, "k": [500.0, 0, 319.5, 0, 500, 239.5, 0, 0, 1], "d": [], "binning_x": 0}
+    return Info.model_validate(whole | {"distortion_model": "plumb_bob"} | values)
+
+
+def test_a_lens_is_of_the_picture_or_refused() -> None:
+    """A region has its own centre, binned pixels are larger; pictures of another size are of another mode."""
+    region = {"x_offset": 160, "y_offset": 120, "width": 320, "height": 240}
+    cut = lens_of_info(info_of(roi=region), 320, 240, "x")
+    binned = lens_of_info(info_of(binning_x=2, binning_y=2), 320, 240, "x")
+    assert cut is not None
+    assert binned is not None
+    assert (cut.fx, cut.cx, cut.cy) == (500, 159.5, 119.5)
+    assert (binned.fx, binned.cx, binned.cy) == (250, 159.5, 119.5)
+    with pytest.raises(RecordingError, match="is of 640 × 480 pixels in steps of 1 × 1, but the picture has 320 × 240"):
+        lens_of_info(info_of(), 320, 240, "x")
+
+
+def packed(path: Path, data: bytes, *, says: int, by: str = "zstd") -> Path:
+    """An MCAP file of one chunk, which says how long it is unpacked."""
+    body = zstandard.compress(data) if by == "zstd" else lz4.frame.compress(data)
+    text = struct.pack("<I", len(by)) + by.encode()
+    chunk = struct.pack("<QQQI", 0, 0, says, 0) + text + struct.pack("<Q", len(body)) + body
+    head = b"\x01" + struct.pack("<QII", 8, 0, 0)
+    path.write_bytes(b"\x89MCAP0\r\n" + head + b"\x06" + struct.pack("<Q", len(chunk)) + chunk)
+    return path
+
+
+def test_bombs_take_no_memory(tmp_path: Path) -> None:
+    """One line each: more than it says, a million empty records, an array of 300 million elements."""
+    zeros = bytes(3 * 10**8)
+    schema = struct.pack("<H", 1) + b"".join(
+        struct.pack("<I", len(part)) + part for part in (b"sensor_msgs/msg/Image", b"ros2msg", b"string[300000000] a")
+    )
+    channel = struct.pack("<HH", 1, 1) + b"".join(struct.pack("<I", len(x)) + x for x in (b"/a", b"cdr", b""))
+    message = struct.pack("<HIQQ", 1, 0, 0, 0) + b"\0\1\0\0"
+    records = b"".join(
+        bytes([code]) + struct.pack("<Q", len(part)) + part for code, part in ((3, schema), (4, channel), (5, message))
+    )
+    array = packed(tmp_path / "array.mcap", records, says=len(records))
+    empty = packed(tmp_path / "empty.mcap", (b"\x09" + bytes(8)) * 1_000_000, says=9_000_000)
+    bombs = [packed(tmp_path / f"{by}.mcap", zeros, says=1000, by=by) for by in ("zstd", "lz4")]
+    del zeros
+    for bag in (*bombs, empty, array):
+        command = [*LEDPI, "import", str(bag), str(tmp_path / "out"), *OWN_ROW_TIME]
+        with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+            assert process.stderr is not None
+            said = process.stderr.read().decode()
+            _, status, used = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+        assert (process.returncode, said.count("\n")) == (2, 1), (bag, said)
+        assert used.ru_maxrss < 400_000, bag
 
 
 def test_a_bag_in_rosbag2s_older_form_is_read(tmp_path: Path, run: Run) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import struct
 
-from ledpi.bridge.photon import packet
+import pytest
+
+from ledpi.bridge.photon import MESSAGE, packet
 from tests.builders.made_up_daemon import PANEL, decoded
 
 # One target, ID 7, 2 m ahead and facing the camera, or turned by 106°; times 1000 and 31000 µs.
@@ -33,3 +35,17 @@ def test_a_panel_without_a_pose_is_no_target() -> None:
     frame = decoded(3) | {"markers": [PANEL | {"position_m": None, "quaternion_wxyz": None}]}
     made = packet(frame, (64, 48), captured_us=1000, published_us=31000)
     assert made[32:] == bytes([0, 0])
+
+
+def test_the_topic_says_which_message_it_holds(capfd: pytest.CaptureFixture[str]) -> None:
+    """PhotonLib asks for it every 5 s; ntcore has nothing to warn of."""
+    ntcore = pytest.importorskip("ntcore")
+    from ledpi.bridge.nt import _publish_photon
+
+    instance = ntcore.NetworkTableInstance.create()
+    topic = instance.getRawTopic("/photonvision/ledpi/rawBytes")
+    publisher = _publish_photon(topic, ntcore.PubSubOptions())
+    assert topic.getProperty("message_uuid") == MESSAGE
+    publisher.close()
+    ntcore.NetworkTableInstance.destroy(instance)
+    assert capfd.readouterr().err == ""

@@ -1,0 +1,28 @@
+"""A bound of the memory that a foreign file may take: what unpacks it is others' code."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ledpi.core.errors import RecordingError
+
+MAX_BYTES = 1 << 28  # beyond what the process has: the largest picture in colour, four times
+
+
+@contextmanager
+def memory_bounded(path: Path) -> Iterator[None]:
+    """Lets the process take no more, and raises RecordingError where it wants to."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    has = 1024 * int(Path("/proc/self/status").read_text(encoding="ascii").split("VmData:")[1].split()[0])
+    limits = [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_DATA, (min([has + MAX_BYTES, *limits]), hard))
+    try:
+        yield
+    except MemoryError:
+        most = f"{MAX_BYTES >> 20} MB"
+        raise RecordingError(f"{path}: would take more than {most} of memory to read; must be smaller") from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
