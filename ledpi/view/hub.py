@@ -11,6 +11,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ledpi.core.errors import TapError
+from ledpi.diagnosis.no_fix import why_no_fix
 from ledpi.tap.client import Client, connect
 from ledpi.tools.doctor.running import checks
 from ledpi.view.lines import check_line
@@ -88,7 +89,8 @@ class Hub:
                 "recording": self._recording is not None,
                 "panels": self._panels.rows(now_ns),
                 "robot": (robot := self._robot(now_ns)),
-                "no_fix": self._no_fix(robot),
+                "no_fix": (why := self._no_fix(robot)),
+                "no_fix_says": None if why is None else why_no_fix(why),
                 "map": None if self._hello is None else panels_from_above(self._hello),
             }
 

@@ -313,7 +313,7 @@ def test_a_recording_is_listed_downloaded_and_deleted(opened: Any, folder: Path,
     assert js(opened, f"return [...{row}.cells].slice(1, 4).map(c => c.textContent)") == [
         "recording",
         str(len(list((takes / name / "frames").iterdir()))),
-        "whole",
+        "complete",
     ]
     js(opened, f"{row}.querySelectorAll('button')[0].click()")
     wait_for((tmp_path / f"{name}.tar").exists, "the download")

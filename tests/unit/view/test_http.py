@@ -207,6 +207,7 @@ def test_the_head_line_says_nothing_against_the_map(
 
     daemon.frame = {"rejected": {"fix.ambiguous": 1}}
     wait_until(lambda: (now := state())["robot"] is None and now["no_fix"] == "ambiguous")
+    assert state()["no_fix_says"] == "one panel is in view, and its mirror pose is not excluded"
     daemon.frame = {"robot": robot}
     wait_until(lambda: state()["robot"] is not None)
     assert state()["no_fix"] is None
