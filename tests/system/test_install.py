@@ -96,14 +96,14 @@ def test_extras_stay_for_updates(tmp_path: Path) -> None:
 
 
 def test_a_32_bit_system_is_refused_with_the_reason() -> None:
-    """As Raspberry Pi OS has it below a 64-bit kernel."""
+    """Raspberry Pi OS has it below a 64-bit kernel."""
     said = run("getconf() { echo 32; }; dpkg() { echo armhf; }; (check_bits) 2>&1 || echo status $?")
     assert "32 bits (armhf), for which OpenCV and numpy have no packages" in said
     assert said.endswith("status 2\n")
 
 
 def test_the_demo_keeps_its_environment_in_an_activated_shell(tmp_path: Path) -> None:
-    """Where `python3` is the environment's own: it is neither cleared nor made of itself."""
+    """A `python3` that is the environment's own: that is neither cleared nor made of itself."""
     stubs = "bring_compiler() { :; }; install_into() { echo installed; }; "
     script = f"source scripts/venv.sh; {stubs} make_venv {tmp_path}/v ''"
     for python, said in ((sys.executable, "installed\n"), (f"{tmp_path}/v/bin/python3", "")):

@@ -381,7 +381,7 @@ def test_a_phone_shows_it_without_scrolling_sideways(page: Page, width: int, kin
             lambda: js(phone, "return document.querySelectorAll('#panels tbody tr').length > 1"), "the panels' rows"
         )
         choose(phone, kind)
-        js(phone, "document.getElementById('config').open = true")
+        js(phone, "document.querySelectorAll('details').forEach((part) => { part.open = true; })")
         time.sleep(1.0)
         seen = phone.execute_script(f"{fill} return [innerWidth, document.documentElement.scrollWidth]", longest)
         assert seen == [width, width]
