@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,8 +16,40 @@ from tests.builders import ROOT
 settings.register_profile("ledpi", derandomize=True, deadline=None, database=None)
 settings.load_profile("ledpi")
 
+LIMIT_S, SLOW_LIMIT_S = 60.0, 900.0  # of one test, on an idle machine: after it the stacks of all threads are told
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what runs in the background; Ctrl-C is tested
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--first-and-last",
+        action="store_true",
+        help="of each parametrised test only its first and its last case, but of those marked `table`",
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Gives each test its limit, and leaves cases out where the command asks for it."""
+    slower = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))  # others at work beside the tests
+    for item in items:
+        if item.get_closest_marker("timeout") is None:
+            limit_s = LIMIT_S if item.get_closest_marker("slow") is None else SLOW_LIMIT_S
+            item.add_marker(pytest.mark.timeout(limit_s * slower))
+    if config.getoption("first_and_last"):
+        kept = _first_and_last(items)
+        config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+        items[:] = [item for item in items if item in kept]
+
+
+def _first_and_last(items: list[pytest.Item]) -> set[pytest.Item]:
+    """Cases of one test walk the same path: planted faults that any case catches, the first or the last one does."""
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        whole = item.nodeid if item.get_closest_marker("table") else item.nodeid.partition("[")[0]
+        cases.setdefault(whole, []).append(item)
+    return {case for of_one in cases.values() for case in (of_one[0], of_one[-1])}
 
 
 @pytest.fixture(autouse=True, scope="session")

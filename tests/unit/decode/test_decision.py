@@ -11,7 +11,6 @@ from ledpi.core.records import Floats, PanelSpec, Rejected, Transfer
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.decision import Reading
-from ledpi.decode.identify.one_frame import read_frame
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import (
     SHORT_US,
@@ -27,7 +26,7 @@ from tests.builders.decode import (
     square,
     word,
 )
-from tests.builders.samples import WEIGHER, evidence_at, observed, read_at
+from tests.builders.samples import evidence_at, read_at
 
 ALL = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 # Patterns by the number of cells in which they differ from the nearest word of the dictionary, however it is turned
@@ -64,8 +63,10 @@ def reading_of(result: Reading | Rejected) -> tuple[int, int] | str:
 @pytest.mark.parametrize("quarter_turns", range(4))
 @pytest.mark.parametrize("marker_id", WORDS)
 def test_every_word_is_read_whichever_way_up(marker_id: int, quarter_turns: int) -> None:
-    """The ID, and by how many quarter turns clockwise the panel is turned."""
-    assert reading_of(panel_shown(word(marker_id, quarter_turns))) == (marker_id, quarter_turns)
+    """The ID, and by how many quarter turns clockwise; one LED in ten weaker, the others uneven by a half."""
+    gains = np.random.default_rng(marker_id).uniform(0.5, 1.0, (4, 4))
+    gains[1, 2] = 0.1
+    assert reading_of(panel_shown(word(marker_id, quarter_turns), gains=gains)) == (marker_id, quarter_turns)
 
 
 @pytest.mark.parametrize("side", [110, 130, 170, 250])
@@ -80,35 +81,14 @@ def test_a_near_panel_leaves_little_open(side: float) -> None:
 
 @pytest.mark.parametrize("transfer", ["linear", "srgb"])
 @pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, SHORT_US])
-@pytest.mark.parametrize("side", [85, 150, 300])
+@pytest.mark.parametrize("side", [85, 300])
 def test_invisible_and_full_bands_are_read_at_every_size(side: float, exposure_us: float, transfer: Transfer) -> None:
-    """At 10 ms they are a few grey levels deep, at 150 µs black and white."""
-    shown = panel_shown(word(23, 1), side=side, exposure_us=exposure_us, transfer=transfer)
-    assert reading_of(shown) == (23, 1)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_corners_that_are_a_little_off_do_not_matter(seed: int) -> None:
-    """Each corner by 0.2 px, in any direction."""
-    canvas, corners = Canvas(), square(310.3, 240.6, 100, 4)
-    canvas.panel(corners, word(7))
-    seen = observed(canvas.frame(seed), corners)
-    off = seen.lattice_px + 0.2 * np.random.default_rng(seed).standard_normal((4, 2))
-    assert reading_of(read_frame(seen._replace(lattice_px=off), ALL, WEIGHER)) == (7, 0)
-
-
-def test_an_oblique_panel_is_read() -> None:
-    """A trapezium half as wide as high."""
-    corners = np.array([[280.3, 140.6], [351.7, 162.2], [352.1, 317.4], [279.8, 341.9]])
-    canvas = Canvas()
-    canvas.panel(corners, word(42))
-    assert reading_of(read_at(canvas.frame(), corners, ALL)) == (42, 0)
-
-
-def test_uneven_leds_do_not_matter() -> None:
-    """One cell is half as bright as the next."""
-    gains = np.random.default_rng(2).uniform(0.5, 1.0, (4, 4))
-    assert reading_of(panel_shown(word(12), gains=gains)) == (12, 0)
+    """At 10 ms they are a few grey levels deep, at 150 µs black and white; the same picture gives the same reading."""
+    one, other = (panel_shown(word(23, 1), side=side, exposure_us=exposure_us, transfer=transfer) for _ in "12")
+    assert reading_of(one) == (23, 1)
+    assert isinstance(one, Reading)
+    assert isinstance(other, Reading)
+    assert one.margin == other.margin
 
 
 def test_hot_spots_that_saturate_do_not_matter() -> None:
@@ -124,12 +104,12 @@ def test_hot_spots_that_saturate_do_not_matter() -> None:
 
 
 def test_other_frequencies_and_duty_are_read_where_they_are_known() -> None:
-    """A panel that was built differently, with a codebook that says so."""
+    """A panel that was built differently, with a codebook that says so; seen aside, half as wide as high."""
     spec = PanelSpec(side_m=0.16, black_hz=1450.0, white_hz=2050.0, duty=0.3)
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
-    canvas, corners = Canvas(), square(310.3, 240.6, 120, 4)
-    canvas.panel(corners, word(17), spec=spec)
-    assert reading_of(read_at(canvas.frame(), corners, book)) == (17, 0)
+    canvas, corners = Canvas(), np.array([[280.3, 140.6], [351.7, 162.2], [352.1, 317.4], [279.8, 341.9]])
+    canvas.panel(corners, word(42), spec=spec)
+    assert reading_of(read_at(canvas.frame(), corners, book)) == (42, 0)
 
 
 def test_the_bands_depth_is_reported() -> None:
@@ -148,14 +128,6 @@ def test_more_light_makes_a_surer_reading() -> None:
         assert all(reading_of(s)[0] == 7 for s in shown)
         margins.append(np.mean([s.margin for s in shown if isinstance(s, Reading)]))
     assert (np.diff(margins) > 0).all()
-
-
-def test_the_same_picture_gives_the_same_reading() -> None:
-    """Bit by bit."""
-    first, second = panel_shown(word(7), seed=3), panel_shown(word(7), seed=3)
-    assert isinstance(first, Reading)
-    assert isinstance(second, Reading)
-    assert (first.id, first.quarter_turns, first.margin) == (second.id, second.quarter_turns, second.margin)
 
 
 def walled(u: Floats, v: Floats) -> Floats:
@@ -181,12 +153,12 @@ def test_what_neighbours_and_the_dark_beyond_the_rim_mix_in_does_not_matter(prof
 @pytest.mark.parametrize("side", [60, 80, 120])
 def test_full_bands_are_read_in_every_phase(side: float) -> None:
     """At 150 µs some cells are dark in most of their rows, and what is seen of others is mostly harmonics."""
-    for seed in range(8):
+    for seed in range(4):
         shown = panel_shown(word(7, seed % 4), side=side, seed=seed, exposure_us=SHORT_US)
         assert reading_of(shown) == (7, seed % 4)
 
 
-@pytest.mark.parametrize("side", [20, 30, 40])
+@pytest.mark.parametrize("side", [20, 40])
 @pytest.mark.parametrize("pattern", TWO_OFF)
 def test_full_bands_in_few_pixels_are_not_taken_for_a_word_nearby(pattern: str, side: float) -> None:
     """Far less than noise stands between a word and its neighbours there: what fits badly is not believed."""
@@ -197,37 +169,26 @@ def test_full_bands_in_few_pixels_are_not_taken_for_a_word_nearby(pattern: str, 
 # ---- What is no word is not read as one
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("pattern", [*TWO_OFF, *FURTHER_OFF])
-def test_a_pattern_that_is_no_word_is_rejected(pattern: str, seed: int) -> None:
-    """It blinks as panels do, but two cells or more are of the other class in every word."""
-    assert isinstance(panel_shown(drawn(pattern), seed=seed), Rejected)
-
-
-@pytest.mark.parametrize("bits", [np.zeros((4, 4), bool), np.ones((4, 4), bool)], ids=["black", "white"])
 @pytest.mark.parametrize("side", [60, 100, 160])
-def test_a_lamp_that_blinks_all_over_is_rejected(side: float, bits: Bits) -> None:
-    """A ceiling light at one of our frequencies: a single class is no word."""
+def test_a_pattern_that_is_no_word_is_rejected(side: float) -> None:
+    """It blinks as panels do, but two cells or more are of the other class in every word.
+
+    All of one class is a ceiling light; all classes swapped are as far from a word as can be.
+    """
+    others = [drawn(pattern) for pattern in (*TWO_OFF, *FURTHER_OFF)]
+    for seed, cells in enumerate([*others, np.zeros((4, 4), bool), np.ones((4, 4), bool), ~word(7), ~word(23)]):
+        assert isinstance(panel_shown(cells, side=side, seed=seed), Rejected)
+
+
+@pytest.mark.parametrize("side", [26, 60, 200])
+def test_what_is_lit_but_does_not_blink_is_rejected(side: float) -> None:
+    """A panel whose driver hangs: all that makes it one is there but the bands; an even lamp is rejected as such."""
+    panel, lamp, corners = Canvas(), Canvas(), square(310.3, 240.6, side, 4)
+    panel.lamp(corners, 0.4, profile=diffuser)
+    lamp.lamp(corners, 0.4)
     for seed in range(4):
-        assert isinstance(panel_shown(bits, side=side, seed=seed), Rejected)
-
-
-@pytest.mark.parametrize("side", [60, 100, 200])
-def test_light_without_bands_is_rejected_as_such(side: float) -> None:
-    """A steady, even lamp: noise only."""
-    canvas, corners = Canvas(), square(310.3, 240.6, side, 4)
-    canvas.lamp(corners, 0.4)
-    for seed in range(4):
-        assert reading_of(read_at(canvas.frame(seed), corners, ALL)) == "identify.no_bands"
-
-
-@pytest.mark.parametrize("side", [26, 40, 60, 100, 200])
-def test_a_panel_that_is_lit_but_does_not_blink_is_rejected(side: float) -> None:
-    """Its driver hangs: all that makes it a panel is there but the bands."""
-    canvas, corners = Canvas(), square(310.3, 240.6, side, 4)
-    canvas.lamp(corners, 0.4, profile=diffuser)
-    for seed in range(4):
-        assert isinstance(read_at(canvas.frame(seed), corners, ALL), Rejected)
+        assert isinstance(read_at(panel.frame(seed), corners, ALL), Rejected)
+        assert side < 60 or reading_of(read_at(lamp.frame(seed), corners, ALL)) == "identify.no_bands"
 
 
 def printed_marker(u: Floats, v: Floats) -> Floats:
@@ -257,13 +218,6 @@ def test_a_still_texture_is_rejected(side: float, texture: object) -> None:
         assert isinstance(read_at(canvas.frame(seed), corners, ALL), Rejected)
 
 
-def test_the_negative_of_a_word_is_not_the_word() -> None:
-    """All classes swapped: as far from the word as can be. A cell is 24 rows high here, as is black's period."""
-    for marker_id in (7, 12, 23):
-        for seed in range(3):
-            assert isinstance(panel_shown(~word(marker_id), side=95, seed=seed), Rejected)
-
-
 @pytest.mark.parametrize(("black_hz", "white_hz"), [(1000, 2000), (1500, 3000), (1000, 1500), (100, 120)])
 def test_a_panel_of_other_frequencies_is_rejected(black_hz: float, white_hz: float) -> None:
     """Another system's panel, or lamps on the mains."""
@@ -291,7 +245,7 @@ def test_a_panel_of_lower_frequencies_is_never_another_id(
         assert isinstance(shown, Rejected)
 
 
-@pytest.mark.parametrize("gain", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("gain", [0.0, 0.5])
 def test_a_dead_cell_never_makes_another_id(gain: float) -> None:
     """Each cell in turn: with 15 of 16 cells the panel is read, or rejected."""
     for cell in range(16):
@@ -299,13 +253,6 @@ def test_a_dead_cell_never_makes_another_id(gain: float) -> None:
         gains[cell] = gain
         shown = panel_shown(word(7), gains=gains.reshape(4, 4), seed=cell)
         assert isinstance(shown, Rejected) or (shown.id, shown.quarter_turns) == (7, 0)
-
-
-def test_a_dim_cell_is_forgiven() -> None:
-    """One LED in ten times weaker than the others: fifteen cells are enough."""
-    gains = np.ones((4, 4))
-    gains[1, 2] = 0.1
-    assert reading_of(panel_shown(word(7), gains=gains)) == (7, 0)
 
 
 def test_dictionaries_that_hold_only_some_ids_know_no_others() -> None:
@@ -318,8 +265,8 @@ def test_dictionaries_that_hold_only_some_ids_know_no_others() -> None:
 
 def test_too_little_to_see_is_a_reason_and_no_guess() -> None:
     """As the panel shrinks to nothing, a reading is right or there is none."""
-    for side in (12, 16, 20, 26, 32, 40, 50):
-        for seed in range(4):
+    for side in (12, 16, 20, 26, 40):
+        for seed in range(3):
             canvas, corners = Canvas(), square(310.3, 240.6, side, 4)
             canvas.panel(corners, word(7), profile=flat)
             shown = read_at(canvas.frame(seed), corners, ALL)

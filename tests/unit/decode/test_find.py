@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.geometry import quad_side
-from ledpi.core.records import Floats, Frame, Rejected, Transfer
+from ledpi.core.records import Floats, Frame, Transfer
 from ledpi.decode.finding.outlines import Finder
 from tests.builders.decode import Canvas, flat, square, word
 
@@ -29,7 +29,7 @@ def matches(found: list[Floats], corners: Floats) -> list[Floats]:
 
 
 @pytest.mark.parametrize("transfer", ["linear", "srgb"])
-@pytest.mark.parametrize("side", [14, 25, 50, 100, 200, 380])
+@pytest.mark.parametrize("side", [14, 50, 380])
 def test_a_panel_of_any_size_is_found(side: float, transfer: Transfer) -> None:
     """From some metres away to one that nearly fills the picture: one candidate, its corners within the tolerance."""
     corners = square(310.3, 236.6, side, 8)
@@ -52,23 +52,15 @@ def test_corners_run_clockwise_from_the_top_left(turn_deg: float) -> None:
     assert np.argmin(candidate.sum(axis=1)) == 0
 
 
-def test_an_oblique_panel_is_found() -> None:
-    """Turned by 70° it is a narrow trapezium."""
-    corners = np.array([[300.0, 180], [342, 195], [342, 285], [300, 300]])
-    canvas = Canvas()
-    canvas.panel(corners, word(7))
-    found, _ = find(canvas.frame())
-    assert len(matches(found, corners)) == 1
-
-
 def test_several_panels_are_found() -> None:
-    """Near and far ones in one picture."""
-    places = [square(100, 100, 40), square(300, 150, 120, 12), square(520, 380, 25, -5), square(150, 350, 80)]
+    """Near and far ones in one picture, and one turned by 70°, which is a narrow trapezium."""
+    oblique = np.array([[420.0, 280], [462, 295], [462, 385], [420, 400]])
+    places = [square(100, 100, 40), square(300, 150, 120, 12), square(560, 380, 25, -5), square(150, 350, 80), oblique]
     canvas = Canvas()
     for place in places:
         canvas.panel(place, word(23))
     found, _ = find(canvas.frame())
-    assert [len(matches(found, place)) for place in places] == [1, 1, 1, 1]
+    assert [len(matches(found, place)) for place in places] == [1, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize("side", [40, 100])
@@ -106,15 +98,6 @@ def test_an_empty_noisy_picture_holds_nothing(background: float, transfer: Trans
     assert found == []
 
 
-def test_a_panel_too_small_to_read_is_dropped_as_such() -> None:
-    """A square smaller than asked for is counted, not passed on."""
-    canvas = Canvas()
-    canvas.panel(square(320, 240, 25), word(7))
-    found, dropped = Finder(640, 480, smallest_px=40.0).find(canvas.frame())
-    assert len(found) == 0
-    assert Rejected(stage="find", reason="too_small") in dropped
-
-
 @pytest.mark.parametrize("place", [(20, 240), (620, 240), (320, 10), (320, 470)])
 def test_a_panel_cut_by_the_picture_is_dropped_as_such(place: tuple[float, float]) -> None:
     """Part of it is out of view, on whichever side."""
@@ -125,13 +108,14 @@ def test_a_panel_cut_by_the_picture_is_dropped_as_such(place: tuple[float, float
     assert "find.at_picture_border" in dropped
 
 
-def test_a_thing_with_other_than_four_sides_is_dropped_as_such() -> None:
-    """A triangle of light."""
+def test_what_is_too_small_or_has_not_four_sides_is_dropped_as_such() -> None:
+    """A square smaller than asked for, and a triangle of light."""
     canvas = Canvas()
+    canvas.panel(square(100, 100, 25), word(7))
     cv2.fillPoly(canvas.light, [np.array([[250, 300], [390, 300], [320, 180]])], 0.4)
-    found, dropped = find(canvas.frame())
-    assert found == []
-    assert "find.not_four_sided" in dropped
+    found, dropped = Finder(640, 480, smallest_px=40.0).find(canvas.frame())
+    assert len(found) == 0
+    assert {rejected.key for rejected in dropped} >= {"find.too_small", "find.not_four_sided"}
 
 
 def test_a_finder_keeps_nothing_of_the_last_picture() -> None:
@@ -158,15 +142,14 @@ def test_a_panel_beside_something_darker_than_the_wall_is_found() -> None:
 
 
 @pytest.mark.parametrize("background", [0.02, 0.06, 0.1])
-@pytest.mark.parametrize("seed", range(3))
-def test_a_panel_without_a_bezel_on_a_bright_mottled_wall_is_found(background: float, seed: int) -> None:
+def test_a_panel_without_a_bezel_on_a_bright_mottled_wall_is_found(background: float) -> None:
     """The wall's blots are as bright as half of the panel's light, and run up to it."""
-    rng, true = np.random.default_rng(seed), square(310.4, 240.2, 70, 25)
+    rng, true = np.random.default_rng(1), square(310.4, 240.2, 70, 25)
     canvas = Canvas(background=0.0)
     blots = cv2.GaussianBlur(rng.standard_normal((480, 640)), (0, 0), 8.0)
     canvas.light += background * np.clip(1.0 + 0.5 * blots / blots.std(), 0.1, 2.0)
     canvas.panel(true, word(7), light=0.45)
-    found, _ = find(canvas.frame(seed))
+    found, _ = find(canvas.frame(1))
     assert len(matches(found, true)) == 1
 
 
@@ -179,13 +162,12 @@ def test_a_panels_cells_are_no_panels() -> None:
     assert [round(quad_side(candidate.tolist()) / 200, 1) for candidate in found] == [1.0]
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_ring_is_no_lit_square(seed: int) -> None:
+def test_a_ring_is_no_lit_square() -> None:
     """Beside a wide dark bezel the wall is lit, all around: what shines is the square within."""
     canvas = Canvas(background=0.03, transfer="linear")
     canvas.lamp(square(320.4, 240.2, 170), light=0.002)
     canvas.lamp(square(320.4, 240.2, 146), light=0.4)
-    found, _ = find(canvas.frame(seed))
+    found, _ = find(canvas.frame())
     assert [round(quad_side(candidate.tolist()) / 146, 1) for candidate in found] == [1.0]
 
 

@@ -77,7 +77,7 @@ def rms(errors: Sequence[Floats]) -> float:
     return math.sqrt(float(np.mean([np.square(error).sum(axis=1).mean() for error in errors])))
 
 
-@pytest.mark.parametrize("side", [24.0, 90.0, 200.0])
+@pytest.mark.parametrize("side", [24.0, 200.0])
 def test_a_followed_panel_is_where_it_is(side: float) -> None:
     """To a twentieth of a pixel beyond what the fit was off: as a fit would be, at any place between the pixels."""
     stream = Stream(moved((0.0, 0.0), side))
@@ -124,7 +124,7 @@ def test_frames_make_it_exacter_than_one_fit() -> None:
 def test_the_stated_deviation_is_no_smaller_than_the_true_one() -> None:
     """Over places, rolls and noise, in the fourth frame: neither a third too small, nor five times too large."""
     rng, squares, stated = np.random.default_rng(4), [], []
-    for number in range(12):
+    for number in range(8):
         middle, roll = rng.uniform((250, 180), (390, 300)), rng.uniform(-45, 45)
         places = [square(*(middle + 0.6 * k), 40.0, roll) for k in range(4)]
         stream = Stream(places[0])
@@ -162,7 +162,7 @@ def test_its_brightness_may_change(light: float) -> None:
     assert rms([found.corners_px - true]) < 0.1
 
 
-@pytest.mark.parametrize("share", [0.04, 0.1, 0.3])
+@pytest.mark.parametrize("share", [0.04, 0.3])
 def test_a_fit_is_asked_where_something_hides_a_side(share: float) -> None:
     """From a sixth of a cell on: only a fit tells a hidden side from a panel that is shorter."""
     stream, true = Stream(moved((0.0, 0.0))), moved(AT[1])
@@ -171,21 +171,14 @@ def test_a_fit_is_asked_where_something_hides_a_side(share: float) -> None:
     assert stream.follow(canvas.frame(1)) is None
 
 
-def test_a_fit_is_asked_where_another_panel_stands() -> None:
-    """It has the same size, and walls elsewhere."""
-    stream, true = Stream(moved((0.0, 0.0))), moved(AT[1])
-    canvas = Canvas()
-    canvas.lamp(true)
-    assert stream.follow(canvas.frame(1)) is None
-
-
 def test_a_fit_is_asked_where_it_has_gone_elsewhere() -> None:
-    """By half a cell, or out of sight."""
+    """By half a cell, or out of sight; or where another panel of the same size stands."""
     stream, true = Stream(moved((0.0, 0.0))), moved(AT[1])
-    frame = painted(true, 1).frame(1)
-    assert stream.follow(frame, true + 11.0) is None
-    assert stream.follow(frame, true + 150.0) is None
-    assert stream.follow(frame, true + 1e6) is None
+    frame, other = painted(true, 1).frame(1), Canvas()
+    for off_px in (11.0, 150.0, 1e6):
+        assert stream.follow(frame, true + off_px) is None
+    other.lamp(true)
+    assert stream.follow(other.frame(1)) is None
 
 
 def test_a_fit_is_asked_where_a_part_leaves_the_picture() -> None:
@@ -209,16 +202,10 @@ def test_a_panel_with_a_hidden_side_has_no_picture() -> None:
     assert locator.follower.begin(frame, found, FEWEST_FITS * [found.unknown], SPEC, CELL_BANDS) is None
 
 
-def test_what_cells_show_of_two_waves() -> None:
-    bands = np.array([[0.0, 0.0, 0.03, 0.04], [0.02, 0.0, 0.0, 0.0], [0.02, 0.0, 0.0, 0.0]])
-    assert shares_of(bands).tolist() == [[0.0, 1.0], [1.0, 0.0], [1.0, 0.0]]
-
-
-def test_what_cells_show_of_one_wave_and_its_negative() -> None:
-    bands = np.array([[0.03, -0.04], [-0.03, 0.04], [0.03, -0.04]])
-    assert shares_of(bands)[:, 0].tolist() in ([1.0, -1.0, 1.0], [-1.0, 1.0, -1.0])
-
-
-def test_what_no_cell_shows_is_shown_by_none() -> None:
-    bands = np.array([[0.0, 0.0, 0.03, 0.04], [0.0, 0.0, 0.03, 0.04]])
-    assert shares_of(bands).tolist() == [[0.0, 1.0], [0.0, 1.0]]
+def test_what_cells_show_of_each_wave() -> None:
+    """Of two waves, of one and its negative; and what no cell shows is shown by none."""
+    two = np.array([[0.0, 0.0, 0.03, 0.04], [0.02, 0.0, 0.0, 0.0], [0.02, 0.0, 0.0, 0.0]])
+    assert shares_of(two).tolist() == [[0.0, 1.0], [1.0, 0.0], [1.0, 0.0]]
+    assert shares_of(two[[0, 0]]).tolist() == [[0.0, 1.0], [0.0, 1.0]]
+    one = np.array([[0.03, -0.04], [-0.03, 0.04], [0.03, -0.04]])
+    assert shares_of(one)[:, 0].tolist() in ([1.0, -1.0, 1.0], [-1.0, 1.0, -1.0])

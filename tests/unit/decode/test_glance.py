@@ -26,7 +26,7 @@ def look(pixels: Pixels, *candidates: Floats, cells: int = 4) -> tuple[Floats, F
 
 
 @pytest.mark.parametrize("profile", [flat, diffuser, one_size, bare])
-@pytest.mark.parametrize("side", [22, 60, 130, 300])
+@pytest.mark.parametrize("side", [22, 130])
 def test_a_panel_is_likelier_than_texture(side: float, profile: Profile) -> None:
     """At any size, however its cells are lit, from a fifth of a cell beside it."""
     true, canvas = square(310.3, 236.6, side, 20), Canvas()
@@ -35,7 +35,7 @@ def test_a_panel_is_likelier_than_texture(side: float, profile: Profile) -> None
     assert evidence > LIKELY
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_smooth_texture_is_likelier_than_a_panel(seed: int) -> None:
     """Blots about as wide as cells, under a hundred candidates of all sizes."""
     rng = np.random.default_rng(seed)
@@ -47,7 +47,7 @@ def test_smooth_texture_is_likelier_than_a_panel(seed: int) -> None:
     assert (evidence > LIKELY).sum() <= 1
 
 
-@pytest.mark.parametrize("off", [(0.3, 0.0), (-0.2, 0.25), (0.0, -0.3)])
+@pytest.mark.parametrize("off", [(0.3, 0.0), (-0.2, 0.25)])
 @pytest.mark.parametrize("side", [40, 110])
 def test_a_candidate_is_moved_to_the_panel(side: float, off: tuple[float, float]) -> None:
     """From a third of a cell off, to a tenth."""

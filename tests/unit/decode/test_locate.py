@@ -28,7 +28,6 @@ from tests.builders.decode import (
 )
 
 OFFSETS = [0.0, 0.15, 0.35, 0.5, 0.7, 0.9]
-EXPOSURES_US = [SHORT_US, 300.0, 640.0, 2000.0, TRUE_10_MS_US]
 
 
 def located(frame: Frame, near: Floats, lens: Intrinsics | None = None, cells: int = 4) -> Quad:
@@ -64,13 +63,6 @@ def rms(error: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(error).sum(axis=1))))
 
 
-def brighter_inside(u: Floats, v: Floats) -> Floats:
-    """Each cell from 60 % at its rim to full light in its middle."""
-    x, y = 4 * u % 1.0, 4 * v % 1.0
-    to_rim = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
-    return np.asarray(0.6 + 0.8 * to_rim)
-
-
 def test_a_lattice_half_a_cell_off_is_not_taken_for_a_hidden_side() -> None:
     """In any of 24 directions: all but one at most are found where they are, as the lattice beside it fits better."""
     true, far = square(300, 240, 80), 0
@@ -95,8 +87,8 @@ def test_a_lattice_a_whole_cell_off_is_not_taken_for_a_panel_with_a_dark_side() 
 
 
 @pytest.mark.parametrize("transfer", ["linear", "srgb"])
-@pytest.mark.parametrize("side", [50, 90, 160, 300])
-@pytest.mark.parametrize("offset", OFFSETS[::2])
+@pytest.mark.parametrize("side", [50, 160, 300])
+@pytest.mark.parametrize("offset", OFFSETS[:3:2])
 def test_corners_are_exact_to_a_tenth_of_a_pixel(offset: float, side: float, transfer: Transfer) -> None:
     """A blurred, noisy panel anywhere between the pixels, from rough corners that are 2 px off; of 300 px nearly."""
     true = square(310 + offset, 240 + 0.37 * offset, side, 7)
@@ -105,26 +97,29 @@ def test_corners_are_exact_to_a_tenth_of_a_pixel(offset: float, side: float, tra
     assert rms(error_of(located(canvas.frame(), nudged(true, 1)), true)) < (0.1 if side < 300 else 0.16)
 
 
-@pytest.mark.parametrize("profile", [flat, one_size, bare, brighter_inside])
-@pytest.mark.parametrize("exposure_us", EXPOSURES_US)
+@pytest.mark.parametrize("profile", [flat, one_size, bare])
+@pytest.mark.parametrize("exposure_us", [SHORT_US, 640.0, TRUE_10_MS_US])
 def test_however_cells_are_lit(exposure_us: float, profile: Profile) -> None:
-    """Evenly, with walls on all sides or between them only, as spots; at any exposure."""
+    """Evenly, with walls between them only, as spots; LEDs differ by a third, and the wall is lit unevenly."""
     true = square(310.4, 240.2, 110, 20)
     canvas = Canvas(exposure_us=exposure_us)
-    canvas.panel(true, word(7), profile=profile)
+    canvas.light *= np.linspace(0.5, 2.0, 480)[:, None]
+    canvas.panel(true, word(7), profile=profile, gains=np.random.default_rng(3).uniform(0.7, 1.3, (4, 4)))
     assert rms(error_of(located(canvas.frame(), nudged(true, 1)), true)) < 0.35
 
 
-@pytest.mark.parametrize("blur_px", [0.4, 0.7, 1.1])
-def test_brightness_that_rises_inward_does_not_pull_the_edge_in(blur_px: float) -> None:
-    """The half-height of such a ramp would lie inside; over many places the sides are where they are."""
-    off = []
-    for number, offset in enumerate(OFFSETS):
-        true = square(310 + offset, 240 + 0.37 * offset, 90, 7)
-        canvas = Canvas()
-        canvas.panel(true, word(7), profile=brighter_inside, blur_px=blur_px)
-        off.append(outward(located(canvas.frame(number), nudged(true, number)).corners_px - true, true))
-    assert abs(np.mean(off)) < 0.1
+@pytest.mark.parametrize(
+    "true",
+    [
+        np.array([[300.3, 180.6], [351.7, 192.2], [352.1, 287.4], [299.8, 301.9]]),
+        square(52, 240, 100),
+    ],
+    ids=["oblique", "two pixels from the picture's border"],
+)
+def test_wherever_it_stands_it_is_as_exact(true: Floats) -> None:
+    canvas = Canvas()
+    canvas.panel(true, word(7))
+    assert rms(error_of(located(canvas.frame(), true + 1.0), true)) < 0.15
 
 
 @pytest.mark.parametrize(("side", "percent"), [(13, 1.5), (20, 1.5), (26, 1.0), (50, 0.3), (110, 0.2)])
@@ -140,26 +135,21 @@ def test_a_far_panels_size_is_right(side: float, percent: float) -> None:
     assert abs(2 * np.mean(off)) < percent / 100 * side
 
 
-@pytest.mark.parametrize("smear_px", [1, 3, 5])
-def test_the_blur_tells_how_far_a_panel_has_moved_at_most(smear_px: int) -> None:
-    """A motion by so many pixels blurs by a root of 12 of them at least; a lens's own is 1.3 px at most."""
-    canvas = Canvas()
-    canvas.panel(square(300, 200, 100, 5), word(7))
-    canvas.light = cv2.blur(canvas.light, (smear_px, 1))
-    blur_px = located(canvas.frame(), square(300, 200, 100, 5)).blur_px
-    assert blur_px is not None
-    assert np.sqrt(12.0) * blur_px[0] > smear_px - 1
-    assert blur_px.max() < np.hypot(smear_px / np.sqrt(12.0), 1.3)
-
-
-@pytest.mark.parametrize(("smear_px", "within_px"), [(3, 0.25), (5, 0.6)])
+@pytest.mark.parametrize(("smear_px", "within_px"), [(1, 0.1), (3, 0.25), (5, 0.6)])
 def test_a_moving_panel_is_where_it_was_on_average(smear_px: int, within_px: float) -> None:
-    """A robot that turns smears the picture sideways within the exposure; its upright sides become ramps."""
+    """A robot that turns smears the picture sideways; the blur tells by a root of 12 how far at most.
+
+    A lens's own blur is 1.3 px at most.
+    """
     true = square(310.4, 240.2, 100, 6)
     canvas = Canvas()
     canvas.panel(true, word(7))
     canvas.light = cv2.blur(canvas.light, (smear_px, 1))
-    assert rms(error_of(located(canvas.frame(), nudged(true, 1)), true)) < within_px
+    found = located(canvas.frame(), nudged(true, 1))
+    assert rms(error_of(found, true)) < within_px
+    assert found.blur_px is not None
+    assert np.sqrt(12.0) * found.blur_px[0] > smear_px - 1
+    assert found.blur_px.max() < np.hypot(smear_px / np.sqrt(12.0), 1.3)
 
 
 @pytest.mark.parametrize("side", [26, 70])
@@ -175,23 +165,6 @@ def test_the_stated_deviation_is_the_true_one(side: float) -> None:
         squares.append(np.square(error_of(found, true)).mean())
         stated.append(variance_px2(found))
     assert 0.5 < math.sqrt(np.mean(stated) / np.mean(squares)) < 3.0
-
-
-def test_cells_of_unlike_brightness_do_not_bend_the_sides() -> None:
-    """LEDs differ by a third, and the wall is lit unevenly."""
-    true = square(310.4, 240.2, 120, -12)
-    canvas = Canvas()
-    canvas.light *= np.linspace(0.5, 2.0, 480)[:, None]
-    canvas.panel(true, word(12), gains=np.random.default_rng(3).uniform(0.7, 1.3, (4, 4)))
-    assert rms(error_of(located(canvas.frame(), nudged(true, 1)), true)) < 0.15
-
-
-def test_an_oblique_panel_is_as_exact() -> None:
-    """A trapezium half as wide as high."""
-    true = np.array([[300.3, 180.6], [351.7, 192.2], [352.1, 287.4], [299.8, 301.9]])
-    canvas = Canvas()
-    canvas.panel(true, word(7))
-    assert rms(error_of(located(canvas.frame(), nudged(true, 1)), true)) < 0.15
 
 
 @pytest.mark.parametrize("turns", range(4))
@@ -266,7 +239,7 @@ def test_one_dead_cell_does_not_move_the_corners(dead: tuple[int, int], side: fl
 
 
 @pytest.mark.parametrize("side", [60.0, 120.0])
-@pytest.mark.parametrize("share", [0.03, 0.06, 0.09, 0.12])
+@pytest.mark.parametrize("share", [0.03, 0.12])
 @pytest.mark.parametrize("exposure_us", [SHORT_US, TRUE_10_MS_US])
 def test_a_panel_with_a_hidden_side_is_where_its_cells_are(exposure_us: float, share: float, side: float) -> None:
     """Something dark before a strip along its left side: from corners of what is seen."""
@@ -296,7 +269,7 @@ def test_a_hidden_corner_does_not_move_the_others(exposure_us: float) -> None:
 
 
 @pytest.mark.parametrize("side", [40.0, 130.0])
-@pytest.mark.parametrize("exposure_us", EXPOSURES_US)
+@pytest.mark.parametrize("exposure_us", [SHORT_US, 640.0, TRUE_10_MS_US])
 def test_it_is_found_from_a_tenth_of_its_side_off(exposure_us: float, side: float) -> None:
     """Which is how far off proposals may be."""
     true = square(310.4, 240.2, side, 25)
@@ -350,27 +323,18 @@ def test_a_steady_lamp_is_refused_in_deep_bands(exposure_us: float) -> None:
     assert reason(Locator(4, (SPEC,), None).localise(canvas.frame(), true)) == "fit.no_bands"
 
 
-@pytest.mark.parametrize("depth", [0.0, 0.4])
-def test_what_has_nothing_dark_in_it_costs_no_fit_where_bands_are_deep(depth: float) -> None:
+def test_what_has_nothing_dark_in_it_costs_no_fit_where_bands_are_deep() -> None:
     """Not even a lattice that is steady: a lit panel's darkest bands have the room's light only."""
-
-    def tiled(u: Floats, v: Floats) -> Floats:
-        return np.asarray(1.0 - depth * ((4 * u % 1.0 < 0.3) | (4 * v % 1.0 < 0.3)))
-
     true, locator = square(310, 240, 100, 10), Locator(4, (SPEC,), None)
     canvas = Canvas(exposure_us=SHORT_US)
-    canvas.lamp(true, profile=tiled)
+    canvas.lamp(true, profile=lambda u, v: 1.0 - 0.4 * ((4 * u % 1.0 < 0.3) | (4 * v % 1.0 < 0.3)))
     assert reason(locator.localise(canvas.frame(), true)) == "fit.no_bands"
     assert locator.spent == 0
 
 
-def test_an_even_wall_is_refused() -> None:
-    """Noise is not taken for a panel."""
+def test_an_even_wall_and_a_square_too_small_are_refused() -> None:
+    """Noise is not taken for a panel; nor are seven pixels a side, of cells that are less than two."""
     assert isinstance(Locator(4, (SPEC,), None).localise(Canvas().frame(), square(310, 240, 75)), Rejected)
-
-
-def test_a_square_too_small_is_refused() -> None:
-    """Seven pixels a side, of cells that are less than two."""
     canvas = Canvas()
     canvas.panel(square(310, 240, 7), word(7), profile=flat)
     assert reason(Locator(4, (SPEC,), None).localise(canvas.frame(), square(310, 240, 7))) == "fit.too_small"
@@ -396,14 +360,6 @@ def test_corners_that_are_none_are_refused_in_silence(rough: Floats) -> None:
     assert isinstance(locator.refine(canvas.frame(), rough, known), Rejected)
 
 
-def test_a_panel_near_the_pictures_border_is_located_in_what_is_seen_of_it() -> None:
-    """Two pixels from it: there is nothing to see beyond."""
-    true = square(52, 240, 100)
-    canvas = Canvas()
-    canvas.panel(true, word(7))
-    assert rms(error_of(located(canvas.frame(), true + 1.0), true)) < 0.15
-
-
 # ---- What it costs
 
 
@@ -417,17 +373,6 @@ def test_what_is_no_panel_costs_little() -> None:
     assert isinstance(one.localise(panel.frame(), true), Quad)
     assert reason(other.localise(spots.frame(), true)) in {"fit.uncertain", "fit.misfit"}
     assert 0 < other.spent < 0.1 * one.spent
-
-
-def test_once_a_lattice_beside_fits_as_a_whole_no_other_is_tried() -> None:
-    """From a whole cell off it costs a fit that is off, which is twice as long under way, and one that is right."""
-    true, locator, direct = square(300, 240, 100, 20), Locator(4, (SPEC,), None), Locator(4, (SPEC,), None)
-    canvas = Canvas(background=0.1)
-    canvas.panel(true, word(7))
-    frame, a_cell = canvas.frame(), (true[1] - true[0]) / 4
-    assert isinstance(locator.localise(frame, true - a_cell), Quad)
-    assert isinstance(direct.localise(frame, true), Quad)
-    assert locator.spent < 3.5 * direct.spent
 
 
 def test_what_was_spent_is_counted() -> None:
@@ -449,7 +394,7 @@ def test_what_was_spent_is_counted() -> None:
 
 
 @pytest.mark.parametrize("side", [60, 100])
-@pytest.mark.parametrize("number", range(5))
+@pytest.mark.parametrize("number", range(2))
 def test_a_lattice_that_is_a_row_off_is_moved_before_its_last_fit(side: float, number: int) -> None:
     """Its dark row is plain in the first fits: the panel costs three times one that was proposed in place, at most."""
     true, canvas = square(300.3, 200.6, side, 10 + 5 * number), Canvas()

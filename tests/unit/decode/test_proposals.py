@@ -53,8 +53,8 @@ def nearest(frame: Frame, true: Floats) -> float:
 
 
 @pytest.mark.parametrize("profile", [flat, diffuser, one_size, bare])
-@pytest.mark.parametrize("exposure_us", [SHORT_US, 500.0, TRUE_10_MS_US])
-@pytest.mark.parametrize("side", [26, 60, 130, 240])
+@pytest.mark.parametrize("exposure_us", [SHORT_US, TRUE_10_MS_US])
+@pytest.mark.parametrize("side", [26, 60, 240])
 def test_a_panel_is_among_the_proposals(side: float, exposure_us: float, profile: Profile) -> None:
     """Within what the fit starts from, at any size and exposure, however its cells are lit."""
     true = square(310.3, 236.6, side, 20)
@@ -65,8 +65,8 @@ def test_a_panel_is_among_the_proposals(side: float, exposure_us: float, profile
 
 
 @pytest.mark.parametrize("exposure_us", [SHORT_US, TRUE_10_MS_US])
-@pytest.mark.parametrize("turn_deg", [0, 33, 70])
-@pytest.mark.parametrize("yaw_deg", [50, 70])
+@pytest.mark.parametrize("turn_deg", [0, 33])
+@pytest.mark.parametrize("yaw_deg", [70])
 def test_an_oblique_panel_is_among_them(yaw_deg: float, turn_deg: float, exposure_us: float) -> None:
     """At 0.6 m, turned in the picture by any angle."""
     half = square(0, 0, 0.16, turn_deg)
@@ -77,9 +77,10 @@ def test_an_oblique_panel_is_among_them(yaw_deg: float, turn_deg: float, exposur
     assert nearest(canvas.frame(), true) < NEAR
 
 
-def test_corners_run_clockwise() -> None:
-    """As seen in the picture, of a panel and of what lies around it."""
-    canvas = Canvas()
+@pytest.mark.parametrize("exposure_us", [SHORT_US, TRUE_10_MS_US])
+def test_corners_run_clockwise_and_no_two_are_the_same(exposure_us: float) -> None:
+    """As seen in the picture, of a panel and of what lies around it: a quarter of a cell apart, or of other sizes."""
+    canvas = Canvas(exposure_us=exposure_us)
     canvas.lamp(square(310, 240, 200, 10), 0.1)
     canvas.panel(square(310, 240, 90, 30), word(7))
     found = proposals(canvas.frame())
@@ -88,13 +89,7 @@ def test_corners_run_clockwise() -> None:
         along = np.roll(candidate.corners_px, -1, axis=0) - candidate.corners_px
         onward = np.roll(along, -1, axis=0)
         assert (along[:, 0] * onward[:, 1] - along[:, 1] * onward[:, 0]).sum() > 0
-
-
-def test_no_two_are_the_same() -> None:
-    """A quarter of a cell apart at least, or of other sizes."""
-    canvas = Canvas(exposure_us=SHORT_US)
-    canvas.panel(square(310, 240, 120, 30), word(7))
-    for one, other in itertools.combinations(proposals(canvas.frame()), 2):
+    for one, other in itertools.combinations(found, 2):
         apart = np.linalg.norm(one.corners_px - other.corners_px, axis=1).max()
         assert apart > 0.2 * one.side_px / 4 or abs(one.side_px - other.side_px) > 0.2 * one.side_px / 4
 
@@ -195,11 +190,14 @@ def test_cells_seen_one_by_one_make_a_lattice(corners: Floats) -> None:
     assert min(off_by(at, corners) for at in found) < 0.025
 
 
-@pytest.mark.parametrize("missing", [(0,), (5,), (3, 12), (1, 6, 11)])
+@pytest.mark.parametrize("missing", [(), (0,), (3, 12), (1, 6, 11)])
 def test_cells_may_be_missing(missing: tuple[int, ...]) -> None:
-    """At a corner and within; what is left still tells where all are."""
-    corners = square(310, 240, 100, 20)
-    found = lattices_of(blobs(np.delete(middles(corners), missing, axis=0), 8.0))
+    """At a corner and within, and specks of other sizes beside: what is left still tells where all are."""
+    corners, rng = square(310, 240, 100, 20), np.random.default_rng(4)
+    beside = rng.uniform((20, 20), (620, 460), (60, 2))
+    beside = beside[np.hypot(*(beside - 310 + (0, 70)).T) > 90]
+    picture = blobs(np.delete(middles(corners), missing, axis=0), 8.0)
+    found = lattices_of(np.maximum(picture, blobs(beside, 4.0)))
     assert min(off_by(at, corners) for at in found) < 0.05
 
 
@@ -218,15 +216,6 @@ def test_of_inner_cells_alone_only_full_ones_make_a_panel() -> None:
     assert lattices_of(blobs(inner, 8.0)) == []
     (found,) = lattices_of(blobs(inner, 11.0))[:1]
     assert off_by(found, corners) < 0.05
-
-
-def test_other_things_beside_it_do_not_matter() -> None:
-    """Specks and spots of other sizes, wherever they fall."""
-    corners, rng = square(310, 240, 100, 20), np.random.default_rng(4)
-    beside = rng.uniform((20, 20), (620, 460), (60, 2))
-    beside = beside[np.hypot(*(beside - 310 + (0, 70)).T) > 90]
-    picture = np.maximum(blobs(middles(corners), 8.0), blobs(beside, 4.0))
-    assert min(off_by(at, corners) for at in lattices_of(picture)) < 0.05
 
 
 def test_of_a_larger_lattice_none_is_taken() -> None:
@@ -269,16 +258,6 @@ def test_a_panel_in_a_bright_frame_is_among_them(side: float, wide: float) -> No
     canvas.lamp(square(310.4, 240.2, side * (1 + 2 * wide), 20), 0.2)
     canvas.panel(true, word(7), light=0.4)
     assert nearest(canvas.frame(), true) < NEAR
-
-
-def test_a_panel_before_something_brighter_is_among_them() -> None:
-    """With a narrow dark rim between: no grey level tells them apart."""
-    true = square(310.4, 240.2, 100, 10)
-    canvas = Canvas(background=0.02)
-    canvas.lamp(square(310.4, 240.2, 180, 10), 0.3)
-    canvas.lamp(square(310.4, 240.2, 112, 10), 0.01)
-    canvas.panel(true, word(7), light=0.2)
-    assert nearest(canvas.frame(), true) < NEAR / 2
 
 
 # ---- What changes within a band

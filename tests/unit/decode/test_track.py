@@ -42,20 +42,21 @@ def tracker() -> Tracker:
     return Tracker((SPEC,), 4)
 
 
-def test_a_square_is_followed_where_it_was(tracker: Tracker) -> None:
-    """In the next frame, a little off and a little larger."""
-    (first,) = follow(tracker, 1, PLACE)
-    assert follow(tracker, 2, square(304, 198, 61)) == [first]
-
-
 @pytest.mark.parametrize(
-    "corners", [square(400, 200, 60), square(300, 250, 60), square(300, 200, 90), square(300, 200, 40)]
+    ("corners", "goes_on"),
+    [
+        (square(304, 198, 61), True),
+        (square(400, 200, 60), False),
+        (square(300, 250, 60), False),
+        (square(300, 200, 90), False),
+        (square(300, 200, 40), False),
+    ],
 )
-def test_elsewhere_or_of_another_size_a_new_track_begins(tracker: Tracker, corners: Floats) -> None:
-    """A square that is a side away, or half as large again, is another thing."""
+def test_a_square_is_followed_where_it_was(tracker: Tracker, corners: Floats, *, goes_on: bool) -> None:
+    """In the next frame, a little off and a little larger; one a side away, or half as large again, is another."""
     (first,) = follow(tracker, 1, PLACE)
     (second,) = follow(tracker, 2, corners)
-    assert second is not first
+    assert (second is first) is goes_on
 
 
 def test_a_track_outlives_frames_that_do_not_show_its_square(tracker: Tracker) -> None:
@@ -85,19 +86,13 @@ def test_time_that_does_not_advance_ends_every_track(tracker: Tracker) -> None:
     assert third is not second
 
 
-def test_a_moving_square_is_sought_ahead(tracker: Tracker) -> None:
-    """At 10 px a frame a square of 25 px is two sides further on after five frames unseen."""
+@pytest.mark.parametrize(("x", "goes_on"), [(148, True), (108, False)])
+def test_a_moving_square_is_sought_ahead(tracker: Tracker, x: float, *, goes_on: bool) -> None:
+    """At 10 px a frame a square of 25 px is two sides further on after five frames unseen; where it was, is another."""
     follow(tracker, 1, square(100, 200, 25))
     (moving,) = follow(tracker, 2, square(108, 200, 25))
-    assert follow(tracker, 7, square(148, 200, 25)) == [moving]
-
-
-def test_a_moving_square_is_not_sought_where_it_was(tracker: Tracker) -> None:
-    """Another one stands there now."""
-    follow(tracker, 1, square(100, 200, 25))
-    (moving,) = follow(tracker, 2, square(108, 200, 25))
-    (other,) = follow(tracker, 7, square(108, 200, 25))
-    assert other is not moving
+    (later,) = follow(tracker, 7, square(x, 200, 25))
+    assert (later is moving) is goes_on
 
 
 def test_two_squares_side_by_side_do_not_swap(tracker: Tracker) -> None:
@@ -124,35 +119,25 @@ def test_a_square_that_is_a_third_lower_at_once_is_another(tracker: Tracker, hei
 
 
 def test_corners_keep_the_tracks_order(tracker: Tracker) -> None:
-    """A square that turns past 45° is found from another corner on, but its corners stay what they were."""
+    """A square that turns past 45° is found from another corner on; its corners, and what is known of them, stay."""
     tracker.begin_frame(FRAME_NS)
     tracker.associate(quad(square(300, 200, 60, 42)))
-    found = square(300, 200, 60, 48)
+    found, variances = square(300, 200, 60, 48), np.arange(1.0, 9.0)
     tracker.begin_frame(2 * FRAME_NS)
-    followed = tracker.associate(quad(np.roll(found, 1, axis=0)))
-    assert followed is not None
-    np.testing.assert_allclose(followed[0].corners_px, found)
-
-
-def test_what_is_known_of_a_corner_goes_with_it(tracker: Tracker) -> None:
-    """A square whose corners come in another order has their covariance in the track's order, too."""
-    follow(tracker, 1, PLACE)
-    variances = np.arange(1.0, 9.0)
-    tracker.begin_frame(2 * FRAME_NS)
-    turned = Quad(corners_px=np.roll(PLACE, 1, axis=0), covariance_px2=np.diag(np.roll(variances, 2)))
+    turned = Quad(corners_px=np.roll(found, 1, axis=0), covariance_px2=np.diag(np.roll(variances, 2)))
     followed = tracker.associate(turned)
     assert followed is not None
-    np.testing.assert_array_equal(followed[0].corners_px, PLACE)
+    np.testing.assert_allclose(followed[0].corners_px, found)
     assert followed[0].covariance_px2 is not None
     np.testing.assert_array_equal(followed[0].covariance_px2, np.diag(variances))
 
 
 def test_a_velocity_is_as_exact_as_the_corners_that_it_is_from(tracker: Tracker) -> None:
-    """2,000 tracks of three frames, corners off by 0.1 px: the velocity's variance is two thirds of what is said.
+    """500 tracks of three frames, corners off by 0.1 px: the velocity's variance is two thirds of what is said.
 
     Steps share a frame, so that their errors cancel in part: nothing is promised that does not hold."""
     rng, velocities = np.random.default_rng(3), []
-    for _ in range(2000):
+    for _ in range(500):
         tracker = Tracker((SPEC,), 4)
         for number in (1, 2, 3):
             tracker.begin_frame(number * FRAME_NS)
@@ -161,14 +146,7 @@ def test_a_velocity_is_as_exact_as_the_corners_that_it_is_from(tracker: Tracker)
         velocities.append(track.state.velocity_px_s)
     said = track.state.velocity_covariance
     assert said is not None
-    assert 0.6 < np.var(velocities, axis=0).mean() / np.diag(said).mean() < 0.7
-
-
-def test_as_many_tracks_come_back_as_squares_went_in(tracker: Tracker) -> None:
-    """None is lost, none is made up; no square gives none."""
-    places = [square(100 + 80 * n, 200, 40) for n in range(5)]
-    assert len({id(track) for track in follow(tracker, 1, *places)}) == 5
-    assert follow(tracker, 2) == []
+    assert 0.55 < np.var(velocities, axis=0).mean() / np.diag(said).mean() < 0.75
 
 
 def test_a_square_is_not_followed_twice(tracker: Tracker) -> None:

@@ -12,8 +12,7 @@ import pytest
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import matrix_from_quaternion, transform
-from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, MarkerPose, PanelValues, Pixels
-from ledpi.decode.proposals import Candidate
+from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, MarkerPose, PanelSpec, PanelValues, Pixels
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
@@ -32,10 +31,8 @@ from tests.builders.decode import (
     Bits,
     Canvas,
     camera_info,
-    candidate,
     diffuser,
     drawn,
-    flat,
     panel_settings,
     square,
     word,
@@ -108,35 +105,18 @@ def test_the_time_is_that_of_the_panels_centre_row() -> None:
 
 
 def test_the_frames_own_values_are_passed_on() -> None:
-    """Number, time and the clock's offset; and the time that each stage took, in the order of the path."""
-    frame = dataclasses.replace(frame_of((NEAR, word(7)), seq=5), host_offset_ns=123)
-    decoded = pipeline().decode(frame)
+    """Number, time and the clock's offset, and its own exposure; and each stage's time, in the order of the path."""
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(NEAR, word(12))
+    frame = dataclasses.replace(canvas.frame(seq=5), host_offset_ns=123)
+    decoded = pipeline(lens=None).decode(frame)
+    assert ids(decoded) == [12]
+    assert decoded.markers[0].solution is None  # without intrinsics nothing is known of where it is
     assert (decoded.seq, decoded.row0_readout_ns, decoded.host_offset_ns) == (5, frame.row0_readout_ns, 123)
+    decoded = pipeline().decode(frame)
     assert list(decoded.stage_ms) == ["find", "fit", "cells", "identify", "pose"]
     assert all(milliseconds > 0 for milliseconds in decoded.stage_ms.values())
     assert decoded.robot is None
-
-
-def test_two_panels_are_read_in_one_frame() -> None:
-    """Side by side, one of them turned."""
-    frame = frame_of((square(200, 200, 90, -5), word(7)), (square(330, 230, 100, 8), word(23, 1)))
-    assert ids(pipeline().decode(frame)) == [7, 23]
-
-
-@pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, SHORT_US])
-def test_a_frames_own_exposure_counts(exposure_us: float) -> None:
-    """Not what the camera was once configured to."""
-    canvas = Canvas(exposure_us=exposure_us)
-    canvas.panel(NEAR, word(12))
-    assert ids(pipeline().decode(canvas.frame())) == [12]
-
-
-def test_an_uncalibrated_camera_gives_ids_without_poses() -> None:
-    """Without intrinsics nothing is known of where the panel is."""
-    (marker,) = pipeline(lens=None).decode(frame_of((NEAR, word(7)))).markers
-    assert marker.detection.id == 7
-    assert marker.solution is None
-    assert marker.alternate is None
 
 
 def test_a_panel_moves_from_where_it_was_read() -> None:
@@ -186,13 +166,7 @@ def test_where_two_poses_fit_both_are_given() -> None:
     assert turned.alternate is None
 
 
-def test_an_empty_picture_has_no_markers() -> None:
-    """Noise is neither a panel nor anything that was dropped."""
-    decoded = pipeline().decode(Canvas().frame())
-    assert decoded.markers == ()
-
-
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 3), (1, 640), (8, 8)])
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (8, 8)])
 @pytest.mark.parametrize("exposure_us", [SHORT_US, TRUE_10_MS_US])
 def test_nor_has_one_that_is_too_small_for_any(height: int, width: int, exposure_us: float) -> None:
     """As a recording's may be, down to one pixel."""
@@ -203,29 +177,19 @@ def test_nor_has_one_that_is_too_small_for_any(height: int, width: int, exposure
 
 
 def test_what_was_dropped_is_counted_by_stage_and_reason() -> None:
-    """A steady lamp is found, and shows no bands; a panel at the border is not even tried."""
-    canvas = Canvas()
-    canvas.lamp(NEAR)
-    canvas.panel(square(20, 400, 80), word(7))
-    decoded = pipeline().decode(canvas.frame())
-    assert decoded.markers == ()
-    assert "fit.no_bands" in keys(decoded)
-    assert "find.at_picture_border" in keys(decoded)
-
-
-def test_a_trace_says_where_something_was_dropped() -> None:
-    """Four corners in the picture, and why; the panel that was read is not among them."""
-    canvas = Canvas()
+    """A steady lamp shows no bands, where a trace says; a panel at the border is not even tried; another is read."""
+    canvas, trace = Canvas(), Trace()
     canvas.panel(square(150, 150, 100), word(7))
     canvas.lamp(square(450, 300, 100))
-    trace = Trace()
+    canvas.panel(square(20, 400, 80), word(7))
     decoded = pipeline().decode(canvas.frame(), trace)
     assert ids(decoded) == [7]
+    assert {"fit.no_bands", "find.at_picture_border"} <= set(keys(decoded))
     where = [dropped.corners_px.mean(axis=0) for dropped in trace.dropped if dropped.why.reason == "no_bands"]
     np.testing.assert_allclose(where, [[450, 300]], atol=1)
 
 
-@pytest.mark.parametrize("places", [2, 3, 4, 5])
+@pytest.mark.parametrize("places", [2, 5])
 def test_one_id_in_several_places_is_in_none(places: int) -> None:
     """Which of them is the one on the map cannot be told; the panel beside them is not affected."""
     shown = [(square(90 + 230 * (n % 3), 100 + 250 * (n // 3), 90 + 8 * n), word(7, n % 4)) for n in range(places)]
@@ -244,13 +208,6 @@ def touched_frame(corners: Floats, seq: int = 0, sheet: float = 0.3) -> Frame:
     return canvas.frame(seq, seq=seq)
 
 
-def test_what_touches_a_panel_does_not_hide_it() -> None:
-    """Its outline melts into that; its cells are where they are. It may seem to reach a hundredth further."""
-    (marker,) = pipeline().decode(touched_frame(NEAR)).markers
-    assert marker.detection.id == 7
-    np.testing.assert_allclose(marker.detection.corners_px, NEAR, atol=1.0)
-
-
 @pytest.mark.parametrize(("wide", "light"), [(0.04, 0.6), (0.1, 0.2)])
 def test_what_is_found_first_around_a_panel_and_cannot_be_read_does_not_hide_it(wide: float, light: float) -> None:
     """A bezel, in a bright room: brighter than the panel, which is told from it at the second search, or dimmer."""
@@ -263,8 +220,7 @@ def test_what_is_found_first_around_a_panel_and_cannot_be_read_does_not_hide_it(
     np.testing.assert_allclose(decoded.markers[0].detection.corners_px, panel, atol=0.5)
 
 
-@pytest.mark.parametrize("sheet", [0.15, 0.25, 0.35])
-@pytest.mark.parametrize("turn_deg", [4.0, 20.0, 41.0])
+@pytest.mark.parametrize(("sheet", "turn_deg"), [(0.15, 4.0), (0.35, 41.0)])
 def test_nor_does_it_where_the_panel_fills_half_the_picture(turn_deg: float, sheet: float) -> None:
     """At 0.45 m. The middles of its cells are bright squares by themselves, and cells beside it are out of sight.
 
@@ -274,12 +230,6 @@ def test_nor_does_it_where_the_panel_fills_half_the_picture(turn_deg: float, she
     (marker,) = pipeline().decode(touched_frame(near, sheet=sheet)).markers
     assert marker.detection.id == 7
     np.testing.assert_allclose(marker.detection.corners_px, near, atol=2.3)
-
-
-def test_a_panel_that_is_touched_is_found_within_three_frames() -> None:
-    """By then what is within panels has been looked at."""
-    path = pipeline(stream=True)
-    assert [7] in ids_of(path, [touched_frame(NEAR, seq) for seq in range(3)])
 
 
 # ---- What the panels are
@@ -327,14 +277,6 @@ def test_a_recordings_own_panel_values_override_the_configurations() -> None:
     assert distance("panels.overrides={7: {side_m: 0.64}}") == pytest.approx(2 * distance(), rel=1e-3)
 
 
-def test_panels_of_another_dictionary_are_read() -> None:
-    """Six cells a side."""
-    words = load_dictionary("DICT_6X6_50").codewords
-    canvas = Canvas()
-    canvas.panel(square(310, 240, 180, 5), words[11], profile=flat)
-    assert ids(pipeline("panels.dictionary=DICT_6X6_50").decode(canvas.frame())) == [11]
-
-
 def test_values_that_contradict_each_other_are_refused() -> None:
     """A recording's 1450 Hz for black cells, with an override that gives panel 7's white ones the same."""
     shown = PanelValues(dictionary="DICT_4X4_50", side_m=0.16, black_hz=1450.0, white_hz=2050.0, duty=0.5)
@@ -344,21 +286,6 @@ def test_values_that_contradict_each_other_are_refused() -> None:
 
 
 # ---- A frame alone, and in a stream
-
-
-def test_frames_that_stand_alone_leave_nothing_behind() -> None:
-    """After any others a frame gives bit by bit what it gives first: the paper's experiment."""
-    path = pipeline(stream=False)
-    frames = [frame_of((NEAR if n < 3 else FAR, word(7)), seq=n) for n in range(6)]
-    first = [path.decode(frame) for frame in frames]
-    again = [path.decode(frame) for frame in reversed(frames)][::-1]
-    for one, other in zip(first, again, strict=True):
-        assert ids(one) == ids(other)
-        assert keys(one) == keys(other)
-        for a, b in zip(one.markers, other.markers, strict=True):
-            np.testing.assert_array_equal(a.detection.corners_px, b.detection.corners_px)
-            assert a.detection.margin == b.detection.margin
-            assert a.detection.frames_used == b.detection.frames_used == 1
 
 
 def test_in_a_stream_frames_add_up() -> None:
@@ -394,22 +321,33 @@ def test_frozen_phases_make_a_stream_no_worse_than_single_frames(corners: Floats
     assert {i for found in together for i in found} == {7}
 
 
-@pytest.mark.parametrize(("black_hz", "white_hz"), [(1262.0, 2431.0), (1258.0, 2466.0), (1240.0, 2470.0)])
+def off_frame(corners: Floats, seq: int, spec: PanelSpec, marker_id: int = 7, light: float = 0.2) -> Frame:
+    """Frame `seq` of a panel of these frequencies."""
+    canvas = Canvas()
+    canvas.panel(corners, word(marker_id), light=light, spec=spec, start_us=seq * PERIOD_US)
+    return dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
+
+
+@pytest.mark.parametrize(("black_hz", "white_hz"), [(1262.0, 2431.0), (1240.0, 2470.0)])
 @pytest.mark.parametrize(("side_px", "frames"), [(100, 2), (38, 12)])
 def test_oscillators_that_are_off_are_found_out(black_hz: float, white_hz: float, side_px: int, frames: int) -> None:
     """By 1 %: near by, each frame is read by itself; further off, frames add up at the frequencies that they tell."""
     corners = square(310.3, 240.6, side_px, 4)
     spec = dataclasses.replace(SPEC, black_hz=black_hz, white_hz=white_hz)
     path = pipeline("panels.search_frequencies=true", stream=True)
-    found = []
-    for n in range(24):
-        canvas = Canvas()
-        canvas.panel(corners, word(7), light=0.2, spec=spec, start_us=n * PERIOD_US)
-        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
-        found.append(ids(path.decode(frame)))
-    assert found[frames:] == [[7]] * (24 - frames)
+    found = ids_of(path, [off_frame(corners, n, spec) for n in range(18)])
+    assert found[frames:] == [[7]] * (18 - frames)
     told = path.likelihood.off_frequency[7]
     assert (told.black_hz, told.white_hz) == pytest.approx((black_hz, white_hz), abs=2.0)
+
+
+def test_of_an_oscillator_that_is_off_the_phase_may_stand_still() -> None:
+    """1237.5 Hz advance by 21.0 cycles a frame: frames tell the white class's frequency, their mean shows the black."""
+    spec = dataclasses.replace(SPEC, black_hz=1237.5, white_hz=2431.0)
+    path = pipeline("panels.search_frequencies=true", stream=True)
+    found = ids_of(path, [off_frame(square(310.3, 240.6, 50, 4), n, spec, light=0.4) for n in range(24)])
+    assert found[12:] == [[7]] * 12
+    assert path.likelihood.off_frequency == {}  # of one of them it is only known that it stands still
 
 
 @pytest.mark.parametrize("side_px", [100, 38])
@@ -418,29 +356,10 @@ def test_frequencies_that_were_found_are_of_one_panel(side_px: int) -> None:
     corners = square(310.3, 240.6, side_px, 4)
     off = dataclasses.replace(SPEC, black_hz=1262.0, white_hz=2431.0)
     path = pipeline("panels.search_frequencies=true", stream=True)
-    found = []
-    for n in range(40):
-        marker_id, spec = (7, off) if n < 20 else (23, SPEC)
-        canvas = Canvas()
-        canvas.panel(corners, word(marker_id), light=0.2, spec=spec, start_us=n * PERIOD_US)
-        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
-        found.append(ids(path.decode(frame)))
+    shown = [(7, off)] * 20 + [(23, SPEC)] * 20
+    found = ids_of(path, [off_frame(corners, n, spec, marker_id) for n, (marker_id, spec) in enumerate(shown)])
     assert (found[19], found[-1]) == ([7], [23])
     assert list(path.likelihood.off_frequency) == [7]
-
-
-def test_of_an_oscillator_that_is_off_the_phase_may_stand_still() -> None:
-    """1237.5 Hz advance by 21.0 cycles a frame: frames tell the white class's frequency, their mean shows the black."""
-    spec = dataclasses.replace(SPEC, black_hz=1237.5, white_hz=2431.0)
-    path = pipeline("panels.search_frequencies=true", stream=True)
-    found = []
-    for n in range(24):
-        canvas = Canvas()
-        canvas.panel(square(310.3, 240.6, 50, 4), word(7), light=0.4, spec=spec, start_us=n * PERIOD_US)
-        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
-        found.append(ids(path.decode(frame)))
-    assert found[12:] == [[7]] * 12
-    assert path.likelihood.off_frequency == {}  # of one of them it is only known that it stands still
 
 
 def test_a_panel_that_blinks_as_announced_is_not_tuned() -> None:
@@ -449,15 +368,6 @@ def test_a_panel_that_blinks_as_announced_is_not_tuned() -> None:
     found = ids_of(path, [frame_of((square(310.3, 240.6, 38, 4), word(7)), seq=n, light=0.1) for n in range(24)])
     assert found[12:] == [[7]] * 12
     assert path.likelihood.off_frequency == {}
-
-
-def test_corners_are_always_the_frames_own() -> None:
-    """A panel moves by 6 px a frame: its corners are where it is in this frame, not where it was."""
-    path = pipeline(stream=True)
-    for n in range(8):
-        corners = square(200.4 + 6 * n, 240.3 + 2 * n, 90, 4)
-        (marker,) = path.decode(frame_of((corners, word(7)), seq=n)).markers
-        np.testing.assert_allclose(marker.detection.corners_px, corners, atol=0.3)
 
 
 def test_a_panel_that_is_gone_is_not_reported() -> None:
@@ -488,8 +398,7 @@ def test_another_panel_in_a_panels_place_is_not_reported_as_that(corners: Floats
     assert found[25] == [23]
 
 
-@pytest.mark.parametrize(("old", "new"), [(7, 23), (23, 7)])
-@pytest.mark.parametrize(("side", "larger"), [(40, 1.23), (45, 1.18), (45, 1.23)])
+@pytest.mark.parametrize(("side", "larger", "old", "new"), [(40, 1.23, 7, 23), (45, 1.18, 23, 7)])
 def test_nor_is_one_that_is_larger(side: int, larger: float, old: int, new: int) -> None:
     """So much that its cells are sampled at other places, where no picture of the old one's is to compare them with."""
     path, wide = pipeline(stream=True), square(310.3, 240.6, side * larger, 4)
@@ -533,7 +442,7 @@ def test_a_tracked_panel_is_sought_in_its_neighbourhood() -> None:
     assert [ids(d) for d in decoded] == [[7]] * 10
 
 
-@pytest.mark.parametrize("appears", range(4, 7))
+@pytest.mark.parametrize("appears", [4, 6])
 def test_a_newcomer_is_found_within_three_frames(appears: int) -> None:
     """While another panel is tracked, whichever frame it comes in."""
     path = pipeline(stream=True)
@@ -633,12 +542,6 @@ def scene_path(scene: Scene, *, stream: bool) -> Pipeline:
     return Pipeline(info, panel_settings(), intrinsics=scene.sensor.intrinsics, stream=stream)
 
 
-def simulated_panel(marker_id: int, place: tuple[float, float, float], **turn: float) -> Panel:
-    bits = load_dictionary("DICT_4X4_50").codeword(marker_id)
-    motion = Still(facing_camera(np.array(place), **turn))
-    return Panel(codeword=bits, spec=SPEC, motion=motion, marker_id=marker_id)
-
-
 def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
     """The robot swings past 7 and 23 on its way towards them: nine of ten detections, and each where it is."""
     scene = drive_scene(sensor(), {7: SPEC, 23: SPEC}, "DICT_4X4_50")
@@ -733,34 +636,11 @@ def test_printed_things_are_never_reported(place: str) -> None:
             assert path.decode(canvas.frame(n, seq=n)).markers == ()
 
 
-def test_two_simulated_panels_near_and_far_are_placed() -> None:
-    """Each within 1 % of its distance, in any single frame that shows it."""
-    places = {7: (-0.15, 0.02, 0.9), 23: (0.2, -0.05, 1.2)}
-    scene = Scene(
-        sensor=sensor(),
-        panels=(simulated_panel(7, places[7], yaw_deg=25), simulated_panel(23, places[23], yaw_deg=-30, roll_deg=90)),
-    )
-    path = scene_path(scene, stream=False)
-    count = 0
-    for frame in scene_frames(SimulatedCamera(scene, seed=3, paced=False, frames=6)):
-        for marker in path.decode(frame).markers:
-            assert marker.solution is not None
-            position = marker.solution.camera_from_marker.position_m
-            true = np.array(places[marker.detection.id])
-            assert np.linalg.norm(position - true) < 0.01 * np.linalg.norm(true)
-            count += 1
-    assert count >= 10
-
-
 @pytest.mark.parametrize(("black_hz", "white_hz"), [(1237.5, 2474.5), (1256.0, 2462.0)])
 def test_where_frames_do_not_add_up_a_stream_is_no_worse_than_frames_alone(black_hz: float, white_hz: float) -> None:
     """Oscillators off by 1 % and 0.5 %: until that is found out, each frame still speaks for itself."""
     spec = dataclasses.replace(SPEC, black_hz=black_hz, white_hz=white_hz)
-    frames = []
-    for n in range(6):
-        canvas = Canvas()
-        canvas.panel(NEAR, word(7), spec=spec, start_us=n * PERIOD_US)
-        frames.append(dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US)))
+    frames = [off_frame(NEAR, n, spec, light=0.4) for n in range(6)]
     assert ids_of(pipeline(stream=False), frames) == [[7]] * 6
     assert ids_of(pipeline(stream=True), frames) == [[7]] * 6
 
@@ -773,29 +653,3 @@ def test_what_touches_a_panel_that_was_read_does_not_hide_it() -> None:
         (marker,) = path.decode(touched_frame(NEAR, seq)).markers
         assert marker.detection.id == 7
         np.testing.assert_allclose(marker.detection.corners_px, NEAR, atol=1.25)
-
-
-def test_a_candidate_that_leads_to_the_same_square_again_is_counted() -> None:
-    """A twelfth of a side beside the first one; the square shows no codeword, so it does not keep others away."""
-    path = pipeline(stream=True)
-    candidates = [candidate(NEAR + off_px) for off_px in (1.0, 9.0)]
-    path.likelihood._proposer.propose = lambda frame: (candidates, [])  # type: ignore[method-assign]
-    decoded = path.decode(frame_of((NEAR, drawn("1111/1010/0110/1001"))))
-    reasons = [f"{why.stage}.{why.reason}" for why in decoded.rejected]
-    assert reasons == ["identify.not_in_dictionary", "track.same_place"]
-
-
-def test_a_frame_by_itself_fits_what_is_off_only_roughly() -> None:
-    """With a candidate of the panel itself behind one that is a cell longer the frame costs less than without it."""
-    canvas = Canvas(exposure_us=SHORT_US)
-    canvas.panel(NEAR, word(7))
-    longer = NEAR + (NEAR[3] - NEAR[0]) / 4 * np.array([[0], [0], [1], [1]])
-
-    def read_at(*candidates: Candidate) -> tuple[list[int], int]:
-        path = Pipeline(camera_info(exposure_us=SHORT_US), panel_settings(), intrinsics=PINHOLE, stream=False)
-        path.likelihood._proposer.propose = lambda frame: (list(candidates), [])  # type: ignore[method-assign]
-        return ids(path.decode(canvas.frame())), path.likelihood.spent
-
-    (_, without), (read, cost) = read_at(candidate(longer)), read_at(candidate(longer), candidate(NEAR))
-    assert read == [7]
-    assert cost < without

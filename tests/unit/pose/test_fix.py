@@ -9,9 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from ledpi.core.geometry import rotation_angle_deg
 from ledpi.core.records import Floats, RobotFix
-from tests.builders.map import MOUNT, WALL, Driver, errors, panel, pose, seen_corners, with_errors
+from tests.builders.map import WALL, Driver, errors, panel, pose, seen_corners, with_errors
 
 BASE = pose((0.3, -0.1, 0.0), 3.0)
 
@@ -45,13 +44,13 @@ def test_exact_corners_give_the_exact_fix(ids: tuple[int, ...]) -> None:
 
 
 def test_three_panels_beat_the_best_of_them() -> None:
-    """200 scenes: the joint position's rms is at most two thirds of the best single panel's nearer pose.
+    """100 scenes: the joint position's rms is at most two thirds of the best single panel's nearer pose.
 
     And its errors are as large as its covariance says: the mean of eᵀ·covariance⁻¹·e within the 95 % band of a χ² of 6.
     """
     joint, nees = [], []
     single: dict[int, list[float]] = {i: [] for i in WALL}
-    for base, seen in scenes(200, seed=3):
+    for base, seen in scenes(100, seed=3):
         fix = fix_of(Driver().see(seen))
         error = errors(fix, base)
         joint.append(float(error[:3] @ error[:3]))
@@ -65,7 +64,7 @@ def test_three_panels_beat_the_best_of_them() -> None:
             single[i].append(min(float(e @ e) for e in (errors(f, base)[:3] for f in alone)))
     best = min(np.mean(values) for values in single.values())
     assert math.sqrt(best / np.mean(joint)) >= 1.5
-    assert abs(np.mean(nees) - 6) < 1.96 * math.sqrt(12 * 200) / 200
+    assert abs(np.mean(nees) - 6) < 1.96 * math.sqrt(12 * 100) / 100
 
 
 @pytest.mark.parametrize("moved", WALL)
@@ -115,25 +114,9 @@ def test_panels_that_the_map_does_not_know_are_left_out() -> None:
     assert driver.see({8: seen[8]})[1] == "fix.not_in_map"
 
 
-def test_two_that_contradict_each_other_give_no_fix() -> None:
-    """Nothing tells which of them hangs where the map says."""
-    wrong = {**WALL, 7: WALL[7].copy()}
-    wrong[7][1, 3] += 0.4
-    seen = {i: seen_corners(BASE, WALL[i]) for i in (7, 9)}
-    assert Driver(panels=wrong, sigma_m=0.005, sigma_rad=0.005).see(seen)[1] == "fix.panels_contradict"
-
-
 def mirror_pair() -> tuple[Floats, dict[int, Floats]]:
     """Straight ahead, 4 m away, turned by 12°: both poses fit."""
     return pose((-1.0, 0.0, 1.0)), {7: panel((3.0, 0.0, 1.4), 192)}
-
-
-def test_one_panel_whose_pose_is_open_gives_no_fix() -> None:
-    """No fix is better than one on the wrong side of the room."""
-    base, panels = mirror_pair()
-    markers, fix = Driver(panels=panels).see({7: seen_corners(base, panels[7])})
-    assert markers[0].alternate is not None
-    assert fix == "fix.ambiguous"
 
 
 def test_what_one_panel_leaves_open_is_open_for_its_fix() -> None:
@@ -189,7 +172,7 @@ def deviations_off(fix: RobotFix) -> float:
     return math.sqrt(error @ np.linalg.solve(covariance[:3, :3], error))
 
 
-@pytest.mark.parametrize("order", list(itertools.permutations(WALL)))
+@pytest.mark.parametrize("order", list(itertools.permutations(WALL))[::2])
 @pytest.mark.parametrize("moved", WALL)
 def test_a_panel_that_hangs_elsewhere_misleads_nobody_once_another_is_seen(
     moved: int, order: tuple[int, int, int]
@@ -208,17 +191,18 @@ def test_a_panel_that_hangs_elsewhere_misleads_nobody_once_another_is_seen(
 
 @pytest.mark.parametrize("moved", [7, 8])
 def test_a_fix_by_the_accused_panel_alone_is_no_witness(moved: int) -> None:
-    """Whichever of two is seen first, and whichever hangs elsewhere: none is believed, also when it is seen alone."""
+    """Whichever of two is seen first, and whichever hangs elsewhere: none is believed, also when it is seen alone.
+
+    Nor is a fix of the same frame that came before the newcomer, nor are both believed where both come at once.
+    """
     _, *later = driven(moved_map(moved), (7,), (7, 8), (7,), (8,))
     assert {fix for phase in later for fix in phase} == {"fix.panels_contradict"}
-
-
-def test_a_frames_first_fix_is_no_witness_either() -> None:
-    """A newcomer further up in the same frame contradicts the panel that this was of."""
     driver = Driver(panels=moved_map(8), sigma_m=0.005, sigma_rad=0.005)
-    fix_of(driver.see({7: seen_corners(BASE, WALL[7])}))
+    both = {i: seen_corners(BASE, WALL[i]) for i in (7, 8)}
+    fix_of(driver.see({7: both[7]}))
     driver.seq -= 1
-    assert driver.see({i: seen_corners(BASE, WALL[i]) for i in (7, 8)})[1] == "fix.panels_contradict"
+    assert driver.see(both)[1] == "fix.panels_contradict"
+    assert Driver(panels=moved_map(8), sigma_m=0.005, sigma_rad=0.005).see(both)[1] == "fix.panels_contradict"
 
 
 def test_a_third_panel_is_a_witness_long_after_it_was_seen() -> None:
@@ -261,16 +245,6 @@ def test_a_right_map_is_believed_in_nearly_every_frame() -> None:
     assert sum(not isinstance(fix, RobotFix) for fix in fixes) <= 2
 
 
-def test_after_half_a_second_the_fix_before_tells_nothing() -> None:
-    """The robot may have turned."""
-    base, panels = mirror_pair()
-    both = {**panels, 8: panel((2.5, 0.9, 1.2), 220)}
-    driver = Driver(panels=both, sigma_m=0.002, sigma_rad=0.002)
-    fix_of(driver.see({i: seen_corners(base, place) for i, place in both.items()}))
-    driver.seq += 40
-    assert driver.see({7: seen_corners(base, panels[7])})[1] == "fix.ambiguous"
-
-
 def test_the_time_is_that_of_the_panels_mean_row() -> None:
     """Between the rows of its panels; corners are brought there by their velocity."""
     driver = Driver()
@@ -280,18 +254,12 @@ def test_the_time_is_that_of_the_panels_mean_row() -> None:
     assert fix.mid_exposure_ns == pytest.approx(np.mean([m.mid_exposure_ns for m in markers]), abs=2)
 
 
-def test_the_mount_turns_and_shifts_the_robot_not_the_camera() -> None:
-    """A camera 20 cm ahead of the robot's origin and turned: the fix is the origin's."""
-    near = pose((1.9, 0.2, 0.0), 5.0)
-    panels = {7: panel((3.0, 0.5, 1.0), 215)}
-    fix = fix_of(Driver(panels=panels).see({7: seen_corners(near, panels[7], MOUNT)}))
-    assert rotation_angle_deg(fix.map_from_base_link.quaternion_wxyz, np.array([math.cos(0.0436), 0, 0, 0.0436])) < 0.1
-
-
-def test_frames_alone_have_no_past() -> None:
-    """As `ledpi decode --single-frame`: what one frame leaves open stays open."""
+@pytest.mark.parametrize(("stream", "frames_later"), [(False, 0), (True, 40)])
+def test_frames_alone_and_after_half_a_second_have_no_past(stream: bool, frames_later: int) -> None:
+    """What one frame leaves open stays open, as with `ledpi decode --single-frame`; or the robot may have turned."""
     base, panels = mirror_pair()
     both = {**panels, 8: panel((2.5, 0.9, 1.2), 220)}
-    driver = Driver(panels=both, stream=False)
+    driver = Driver(panels=both, stream=stream, sigma_m=0.002, sigma_rad=0.002)
     fix_of(driver.see({i: seen_corners(base, place) for i, place in both.items()}))
+    driver.seq += frames_later
     assert driver.see({7: seen_corners(base, panels[7])})[1] == "fix.ambiguous"

@@ -18,6 +18,7 @@ from ledpi.core.errors import ConfigError
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, SimulatedSensor
@@ -43,7 +44,6 @@ from ledpi.tools.panel.information import View, evidence_of, separation_nats, vi
 from ledpi.tools.panel.reach import Reach, reach_of
 from ledpi.tools.panel.verdict import findings
 from tests.builders import ROOT
-from tests.builders.evidence_reference import word_log_likelihoods
 from tests.builders.samples import observed
 
 assert panel_design, main  # the import puts the command into `app`
@@ -120,22 +120,11 @@ def even_evidence(each: float, depth: float) -> Evidence:
     return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2), residual=0.0)
 
 
-@pytest.mark.parametrize(
-    ("hz", "share"),
-    [
-        (1250.0, 1 - 2 * abs(12.459 - 12.5)),  # 1250 Hz · 9967 µs = 12.459 cycles
-        (2450.0, 1 - 2 * abs(24.419 - 24.5)),
-        (1000.0, 2 * abs(9.967 - 10)),
-        (2000.0, 2 * abs(19.934 - 20)),
-    ],
-)
-def test_a_null_is_where_the_exposure_holds_whole_cycles(hz: float, share: float) -> None:
+def test_a_null_is_where_the_exposure_holds_whole_cycles() -> None:
     """By hand: 2·min(r, 1 − r) of the deepest bands near by are left, r the fractional part of f·T."""
-    assert null_share(hz, 9967.0) == pytest.approx(share, abs=1e-3)
-
-
-def test_a_null_within_the_oscillators_tolerance_counts() -> None:
-    """2450 Hz ± 2 % reaches 2401 Hz, where 9967 µs hold 23.93 cycles, and 2409 Hz, where they hold 24."""
+    assert null_share(1250.0, 9967.0) == pytest.approx(1 - 2 * abs(12.459 - 12.5), abs=1e-3)
+    assert null_share(2000.0, 9967.0) == pytest.approx(2 * abs(19.934 - 20), abs=1e-3)
+    # 2450 Hz ± 2 % reaches 2401 Hz, where 9967 µs hold 23.93 cycles, and 2409 Hz, where they hold 24.
     assert null_share(2450.0, 9967.0, tolerance=0.0001) > NULL_SHARE
     assert null_share(2450.0, 9967.0, tolerance=0.02) == 0.0
 
@@ -149,48 +138,37 @@ def test_what_is_worth_trying_lies_between_the_nulls_and_can_be_made() -> None:
         assert null_share(hz, TRUE_10_MS_US) > 0.97
         cycles = 16_000_000 / (2 * hz)
         assert cycles == pytest.approx(round(cycles), abs=0.02)
-
-
-def test_short_exposures_have_no_nulls_to_lie_between() -> None:
-    """At 150 µs the first null is at 6667 Hz: steps upward from the limit."""
-    tried = worthwhile_frequencies(150.0, 1250.0)
-    assert tried[0] == 1250.0
-    assert np.diff(np.log(tried)) == pytest.approx(np.log(1.1), rel=1e-2)
-    assert tried[-1] > 4500.0
+    without_nulls = worthwhile_frequencies(150.0, 1250.0)  # at 150 µs the first is at 6667 Hz: steps upward
+    assert without_nulls[0] == 1250.0
+    assert np.diff(np.log(without_nulls)) == pytest.approx(np.log(1.1), rel=1e-2)
+    assert without_nulls[-1] > 4500.0
+    assert len(worthwhile_frequencies(100_000.0, 1250.0)) <= 16  # at 0.1 s a null lies every 10 Hz
 
 
 def test_information_of_even_cells_is_its_definition() -> None:
-    """Takes isotropic information i and depths a, b: D = i·(a² + b²)/2, whatever the phases."""
+    """Isotropic information i, depths a and b: D = i·(a² + b²)/2, whatever the phases; in antiphase i·(2a)²/2."""
     known = even_evidence(1000.0, 0.05)
     assert separation_nats(known, (0.05, 0.02)) == pytest.approx(0.5 * 1000 * (0.05**2 + 0.02**2))
+    antiphase = Evidence(
+        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), residual=0.0
+    )
+    assert separation_nats(antiphase, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
 
 
 def test_information_foretells_likelihood_ratios(near: View) -> None:
-    """A blinking panel, rendered: a cell that is taken for the other class costs as many nats as foretold.
-
-    Foretold from a steady panel. The decoder's fit takes part of the cost away again, so a word that differs in
-    one cell is compared: over frames and cells the mean agrees within a third.
-    """
+    """Of a rendered panel a cell taken for the other class costs, within a third, what a steady panel foretells."""
     asked = task(1.4)
     spec = asked.spec(1250.0, 2450.0)
-    word = DICTIONARY.codeword(7)
     lens = replace(ov5647_lens(), distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
-    panel = Panel(
-        codeword=word, spec=spec, motion=Still(facing_camera(np.array([0, 0, 1.4]), roll_deg=2.0)), marker_id=7
-    )
+    motion = Still(facing_camera(np.array([0, 0, 1.4]), roll_deg=2.0))
+    panel = Panel(codeword=DICTIONARY.codeword(7), spec=spec, motion=motion, marker_id=7)
     scene = Scene(sensor=replace(asked.sensor, intrinsics=lens), panels=(panel,), room=Room(distance_m=2.0))
     renderer, corners = Renderer(scene, seed=5), scene_truth(scene, 0)[0].corners_px
-    white = word.reshape(1, 16).astype(np.float32)
-    others = np.abs(white - np.eye(16, dtype=np.float32))  # one cell differs
     costs = []
     for seq in range(12):
-        pixels = np.empty((480, 640), np.uint8)
-        renderer.render(seq, pixels)
-        frame = replace(near.shots[0].frame, pixels=pixels)
-        seen = replace(near, shots=(observed(frame, corners, spec),))
+        seen = replace(near, shots=(observed(renderer.frame(seq), corners, spec),))
         known = evidence_of(seen, spec, frames=1, frame_length_rows=504)
-        likelihood = word_log_likelihoods(known, np.concatenate([white, others]))[0]
-        costs.append(float((likelihood[0] - likelihood[1:]).mean()))
+        costs.append(-np.mean(rank_codewords(known, DICTIONARY.codeword(7).reshape(1, 16).astype(np.float32)).gain))
     own = np.einsum("cicj->cij", evidence_of(near, spec, frames=1, frame_length_rows=504).information)
     square = np.repeat(np.square(asked.depths(1250.0, 2450.0)), 2) / 2
     foretold = 0.5 * float((np.einsum("cii->ci", own) * square).sum(axis=1).mean())  # over phases
@@ -198,22 +176,17 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
 
 
 def test_enough_information_is_enough() -> None:
-    """With so many nats in each cell the decoder's own decision is right in 97 of 100 draws; with a tenth it is not."""
+    """The decoder's own decision is right in 97 of 100 draws; with a tenth it is not; what is certain is not drawn."""
     depth, spec = 0.05, task().spec(1250.0, 2450.0)
     codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
-    for share, expected in ((1.0, (0.965, 1.0)), (0.1, (0.0, 0.1))):
+    for share, least, most in ((3.0, 1.0, 1.0), (1.0, 0.965, 1.0), (0.1, 0.0, 0.1), (0.05, 0.0, 0.0)):
         known = even_evidence(share * ENOUGH_NATS / depth**2, depth)
-        chance = chance_of_reading(known, codebook, (depth, depth), decision.FALSE_ID_RATE, draws=200)
-        assert expected[0] <= chance <= expected[1]
+        assert least <= chance_of_reading(known, codebook, (depth, depth), decision.FALSE_ID_RATE, draws=200) <= most
 
 
-def test_frequencies_that_nearly_coincide_tell_less_of_one_frame(near: View) -> None:
-    """A hundred hertz apart, the bands of both drift apart by a third of a cycle over a panel of 70 rows."""
+def test_frequencies_that_nearly_coincide_or_freeze_tell_less(near: View) -> None:
+    """A hundred hertz apart in one frame; in several, 522 rows in which neither phase moves, beside 504."""
     assert nats(near, 1253.33, 1353.64, frames=1) < 0.5 * nats(near, 1253.33, 2457.76, frames=1)
-
-
-def test_frozen_phases_tell_little_more_with_more_frames() -> None:
-    """522 rows are 17576 µs: 21.97 cycles of 1250 Hz, 43.06 of 2450 Hz. In 504 rows both move."""
     far = seen_from(8.0)
     assert nats(far, 1250.0, 2450.0, frames=4, rows=522) < nats(far, 1250.0, 2450.0, frames=4, rows=504) / 5
 
@@ -249,32 +222,25 @@ def test_more_than_enough_counts_as_enough() -> None:
     assert not near_by.dominates(far_away)
 
 
-def test_1000_and_2000_hz_sit_on_nulls_at_10_ms() -> None:
-    """Each with what would be right near by."""
-    text = told(task(), 1000.0, 2000.0)
-    assert re.search(r"black, 1000 Hz: on a null.* 9\.97 of its cycles.*1253\.33 Hz", text)
-    assert re.search(r"white, 2000 Hz: on a null.* 19\.93 of its cycles.*1955\.99 Hz", text)
-
-
-def test_a_pair_may_be_unusable_for_its_flicker() -> None:
-    """1250 Hz is low risk, but seen to have no effect only from 3000 Hz on."""
-    assert told(task(), 1250.0, 2450.0) == ""
-    assert "flickers" in told(task(), 650.0, 2450.0)
-    assert told(task(flicker=Flicker.NO_EFFECT), 1250.0, 3060.0).count("flickers") == 1
-
-
-def test_a_pair_may_coincide() -> None:
-    """Or drift by less than a cycle over a whole picture."""
-    assert "coincide" in told(task(), 1250.0, 1250.0)
-    assert "must be 62 Hz apart" in told(task(), 1253.0, 1300.0)  # 480 rows of 33.67 µs are 1/62 s
-    assert "coincide" not in told(task(), 1253.0, 1353.64)
-
-
-def test_a_frequency_that_the_timer_cannot_make_is_named() -> None:
-    """Too high for it, and too high for the rows."""
-    text = told(task(exposure_us=20 * OV5647_ROW_TIME_US), 1250.0, 25_000.0)
-    assert "the driver's timer cannot make it" in text
-    assert "too fast: its bands are 0.59 rows high" in text
+@pytest.mark.parametrize(
+    ("asked", "pair", "says"),
+    [
+        (task(), (1250.0, 2450.0), r"\A\Z"),
+        (task(), (1000.0, 2000.0), r"black, 1000 Hz: on a null.* 9\.97 of its cycles.*1253\.33 Hz"),
+        (task(), (1000.0, 2000.0), r"white, 2000 Hz: on a null.* 19\.93 of its cycles.*1955\.99 Hz"),
+        (task(), (650.0, 2450.0), "flickers"),
+        (task(flicker=Flicker.NO_EFFECT), (1250.0, 3060.0), "flickers"),
+        (task(), (1250.0, 1250.0), "coincide"),
+        (task(), (1253.0, 1300.0), "must be 62 Hz apart"),  # 480 rows of 33.67 µs are 1/62 s
+        (task(), (1253.0, 1353.64), r"\A(?![\s\S]*coincide)"),
+        (task(exposure_us=20 * OV5647_ROW_TIME_US), (1250.0, 25e3), "the driver's timer cannot make it"),
+        (task(exposure_us=20 * OV5647_ROW_TIME_US), (1250.0, 25e3), r"too fast: its bands are 0\.59 rows high"),
+        (task(tolerance=0.05), (1250.0, 2450.0), "none near by is good"),
+    ],
+)
+def test_what_makes_a_pair_unusable(asked: Task, pair: tuple[float, float], says: str) -> None:
+    """Nulls with what would be right near by, flicker, bands that coincide, and what the timer cannot make."""
+    assert re.search(says, told(asked, *pair))
 
 
 def test_1250_hz_is_frozen_at_62_49_fps() -> None:
@@ -292,43 +258,21 @@ def test_drifting_oscillators_are_no_help_to_a_stream() -> None:
 
 
 def test_no_pair_for_such_oscillators() -> None:
-    """± 5 % of 1250 Hz are more than a whole lobe at 10 ms; a shorter exposure is named."""
-    assert "none near by is good" in told(task(tolerance=0.05), 1250.0, 2450.0)
+    """± 5 % of 1250 Hz are more than a whole lobe at 10 ms; a shorter exposure is named, and has pairs."""
     with pytest.raises(ConfigError, match=r"± 50000 ppm.*at most 4800 µs"):
         candidate_pairs(task(tolerance=0.05))
     assert candidate_pairs(task(tolerance=0.05, exposure_us=4 * 33.67))
 
 
-def test_a_long_exposure_has_no_more_pairs_to_try() -> None:
-    """At 0.1 s a null lies every 10 Hz; the frequencies that are tried are as many as ever."""
-    assert len(worthwhile_frequencies(100_000.0, 1250.0)) <= 16
-
-
-def test_a_panel_that_does_not_fit_into_the_picture_is_refused() -> None:
-    """480 rows at 643 px focal length: 16 cm fill them at 0.21 m."""
-    with pytest.raises(ConfigError, match=r"--distance 0.1: .* at least 0\.21"):
-        views_of(task(0.1))
-
-
-@pytest.mark.parametrize("distance_m", [20.0, 1e6])
-def test_too_far_to_sample_is_refused_with_the_farthest(distance_m: float) -> None:
-    """A cell needs two pixels; of a panel a thousand kilometres away not even the corners differ."""
-    with pytest.raises(ConfigError, match=r"--distance (20|1e\+06): .*too_small.*at most 12\.6"):
-        views_of(task(1.0, distance_m))
-
-
-def test_what_is_certain_is_not_drawn() -> None:
-    """Three times enough is read in every draw, a twentieth in none: as draws would say."""
-    spec = task().spec(1250.0, 2450.0)
-    codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
-    for nats, chance in ((3 * ENOUGH_NATS, 1.0), (ENOUGH_NATS / 20, 0.0)):
-        known = even_evidence(nats / 0.05**2, 0.05)
-        assert chance_of_reading(known, codebook, (0.05, 0.05), decision.FALSE_ID_RATE, draws=100) == chance
-
-
-def test_periods_in_a_cell() -> None:
-    """At 8 m a cell of 4 cm is 3.2 rows of 33.67 µs high at 643 px focal length: 0.135 periods of 1250 Hz."""
-    assert task().periods_in_a_cell(1250.0, 8.0) == pytest.approx(642.86 * 0.04 / 8 * 33.67e-6 * 1250, rel=1e-3)
+def test_what_cannot_be_seen_is_refused_with_the_nearest_and_the_farthest() -> None:
+    """480 rows at 643 px focal length: 16 cm fill them at 0.21 m; a cell needs two pixels, even at 1000 km."""
+    for distances_m, says in (
+        ((0.1,), r"0.1: .* at least 0\.21"),
+        ((1.0, 20.0), r"20: .*too_small.*at most 12\.6"),
+        ((1.0, 1e6), r"1e\+06: .*too_small.*at most 12\.6"),
+    ):
+        with pytest.raises(ConfigError, match="--distance " + says):
+            views_of(task(*distances_m))
 
 
 def test_range_is_read_off_between_distances() -> None:
@@ -347,40 +291,40 @@ def test_a_folder_that_cannot_be_made_is_reported_at_once(tmp_path: Path, monkey
         run("--out", "file")
 
 
-def test_a_check_has_nothing_to_write() -> None:
-    """A folder would stay empty, so it is refused."""
-    with pytest.raises(ConfigError, match=r"--out design: is for a design; --check writes nothing"):
-        run("--check", "1250", "2450", "--out", "design")
-
-
-@pytest.mark.parametrize("distance_m", ["inf", "nan"])
-def test_a_distance_that_is_none_is_refused(distance_m: str) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--check", "1250", "2450", "--out", "design"), "--out design: is for a design; --check writes nothing"),
+        (
+            ("--check", "1250", "2450", "--fps", "62.49", "--row-time-us", "33.67"),
+            r"475 rows of 33\.67 µs; must be at least 504, at most 58\.93 fps",
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_refused(arguments: tuple[str, ...], says: str) -> None:
     """Before anything is computed with it."""
-    assert run("--distance", distance_m)[0] == 2
+    with pytest.raises(ConfigError, match=says):
+        run(*arguments)
+    assert run("--distance", "inf")[0] == run("--distance", "nan")[0] == 2
 
 
-def test_check_says_why_and_exits_with_1() -> None:
-    """As a script would use it."""
+def test_check_begins_with_its_verdict_and_exits_with_1_if_that_is_bad() -> None:
+    """As a script would use it; faster frames than the usual row time allows have faster rows."""
     status, output = run("--check", "1000", "2000")
-    assert status == 1
-    assert output.count("on a null") == 2
-
-
-def test_check_takes_the_frame_rate() -> None:
-    """Faster than frames of the usual row time can be: then the rows are faster."""
+    assert (status, output.count("on a null")) == (1, 2)
+    assert output.splitlines()[0] == "1000 and 2000 Hz cannot be used:"
     status, output = run("--check", "1250", "2450", "--fps", "62.49")
     assert status == 1
     assert "1250 Hz is frozen at 62.490 fps" in output
-
-
-def test_an_impossible_frame_rate_is_refused() -> None:
-    """Knows that only where the row time is known."""
-    with pytest.raises(ConfigError, match=r"475 rows of 33\.67 µs; must be at least 504, at most 58\.93 fps"):
-        run("--check", "1250", "2450", "--fps", "62.49", "--row-time-us", "33.67")
+    good = ("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")
+    output = run(*good)[1]
+    assert output.startswith("good are 1250.00 Hz (black cells) and 2450.00 Hz (white): a panel is read ")
+    assert "note: IDs 3, 8 to 9, 17, 22, 30, 33, 37, 47 are reported only if panels.ids lists them: a part or" in output
+    assert "panels.ids" not in run(*good, "--set", "panels.ids=[7]")[1]
 
 
 def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
-    """One frame at 2.5 m, four frames at 8 m."""
+    """One frame at 2.5 m, four frames at 8 m; with another duty one class would not fill the other's gaps."""
     asked = task(2.5, 8.0)
     views = views_of(asked)
     one = antiphase_proposals(asked, views)[0]
@@ -390,47 +334,20 @@ def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
     antiphase, pair = (reach_of(asked, proposal, DICTIONARY, views) for proposal in (one, two))
     assert antiphase.alone[0] > 0.85 > 0.75 > pair.alone[0]
     assert antiphase.stream[1] > 0.6 > 0.4 > pair.stream[1]
-
-
-def test_what_tells_antiphase_classes_apart_is_twice_the_bands() -> None:
-    """Takes isotropic information i and depth a: D = i·(2a)²/2, at any phase."""
-    known = Evidence(
-        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), residual=0.0
-    )
-    assert separation_nats(known, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
-
-
-def test_classes_that_share_a_duty_of_another_size_are_not_in_antiphase() -> None:
-    """One would not fill the other's gaps."""
-    asked = replace(task(2.0), duty=0.4)
-    assert antiphase_proposals(asked, views_of(asked)) == []
+    assert antiphase_proposals(replace(asked, duty=0.4), views) == []
 
 
 def test_an_antiphase_panel_is_checked_as_one() -> None:
     """One frequency for both classes is what it has; two are refused, and so are its null and its freezing, once."""
     one = ("--set", "panels.phase=antiphase", "--set", "panels.white_hz=1250")
     assert run("--check", "1250", "1250", *one, "--fps", "58.93")[0] == 0
-    status, output = run("--check", "1250", "2450", *one)
-    assert (status, output.count("both classes blink alike")) == (1, 1)
-    status, output = run("--check", "1000", "1000", *one)
-    assert (status, output.count("on a null")) == (1, 1)
-    status, output = run("--check", "1250", "1250", *one, "--fps", "62.49")
-    assert (status, output.count("is frozen")) == (1, 1)
-
-
-def test_a_check_begins_with_its_verdict() -> None:
-    """Before the columns: whether the pair is any good."""
-    assert run("--check", "1000", "2000")[1].splitlines()[0] == "1000 and 2000 Hz cannot be used:"
-    good = run("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")[1].splitlines()[0]
-    assert good.startswith("good are 1250.00 Hz (black cells) and 2450.00 Hz (white): a panel is read ")
-
-
-def test_ids_that_are_reported_only_if_they_are_listed_are_named() -> None:
-    """As long as none are listed."""
-    given = ("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")
-    note = "note: IDs 3, 8 to 9, 17, 22, 30, 33, 37, 47 are reported only if panels.ids lists them: a part or"
-    assert note in run(*given)[1]
-    assert "panels.ids" not in run(*given, "--set", "panels.ids=[7]")[1]
+    for pair, fps, says in (
+        (("1250", "2450"), (), "both classes blink alike"),
+        (("1000", "1000"), (), "on a null"),
+        (("1250", "1250"), ("--fps", "62.49"), "is frozen"),
+    ):
+        status, output = run("--check", *pair, *one, *fps)
+        assert (status, output.count(says)) == (1, 1)
 
 
 def test_no_legend_covers_a_curve() -> None:
@@ -490,14 +407,6 @@ def test_the_table_begins_with_what_is_read_furthest() -> None:
     present: Any = ("present", None, reach(1.7, 6.9))
     ordered = _farthest_first([*proposals, present], "pair", present)  # type: ignore[list-item]
     assert [round(row[2].carries_m2(), 1) for row in ordered] == [13.6, 12.1, 13.9, 12.6]
-
-
-def test_what_carries_about_as_far_stays_in_order() -> None:
-    """Ranges are drawn: by 0.2 % they tell nothing, and what tells more a second, at all distances, came first."""
-    proposals = [("antiphase", n, reach(*metres)) for n, metres in enumerate(((2.36, 7.23), (2.52, 6.78), (2.6, 7.3)))]
-    present: Any = ("present", None, reach(1.6, 6.4))
-    ordered = _farthest_first([*proposals, present], "antiphase", present)  # type: ignore[list-item]
-    assert [row[1] for row in ordered] == [2, 0, 1]
 
 
 def test_where_no_pair_is_read_further_yours_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

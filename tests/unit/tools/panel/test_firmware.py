@@ -42,7 +42,7 @@ def defined(settings: str, name: str) -> str:
 
 
 def test_two_outputs_for_the_usual_pair() -> None:
-    """The sources, their settings, and a page that says what was made, to the ppm."""
+    """The sources, their settings, and a page that says what was made, to the ppm; however many cells there are."""
     told = run("--id", "7", "--black", "1250", "--white", "2450", "--out", "panel7")
     assert "6400 cycles  1250.0000 Hz  +0.0 ppm" in told
     assert "3265 cycles  2450.2297 Hz  +93.8 ppm" in told
@@ -51,6 +51,9 @@ def test_two_outputs_for_the_usual_pair() -> None:
     settings = Path("panel7/settings.h").read_text()
     assert defined(settings, "BLACK_HALF_PERIOD_CYCLES") == "6400u"
     assert defined(settings, "WHITE_HALF_PERIOD_CYCLES") == "3265u"
+    run("--id", "3", "--set", "panels.dictionary=DICT_6X6_50", "--out", "out")
+    grids = re.findall(r"\n\n((?:    D.*\n)+)", Path("out/README.md").read_text())
+    assert [len(grid.split()) for grid in grids] == [36, 36]
 
 
 def test_the_page_shows_the_cells_from_both_sides() -> None:
@@ -77,37 +80,20 @@ def test_the_words_of_the_dictionary_are_in_the_sixteen_cell_build() -> None:
     assert (defined(settings, "DEFAULT_ID"), defined(settings, "ID_COUNT")) == ("7", "50")
 
 
-def test_a_grid_of_36_cells_is_driven_by_two_outputs() -> None:
-    """Two groups of LEDs, however many cells there are."""
-    run("--id", "3", "--set", "panels.dictionary=DICT_6X6_50", "--out", "out")
-    grids = re.findall(r"\n\n((?:    D.*\n)+)", Path("out/README.md").read_text())
-    assert [len(grid.split()) for grid in grids] == [36, 36]
-
-
 def test_frequencies_come_from_the_configuration() -> None:
-    """Also those of one ID's own panel; the command line overrides both."""
-    Path("config.yaml").write_text("panels: {side_m: 0.3, white_hz: 2350, overrides: {3: {black_hz: 1262}}}")
-    run("--id", "3", "--out", "configured")
+    """Also those of one ID's own panel; the command line overrides both. A measured duty is a half but for noise."""
+    overrides = "overrides: {3: {black_hz: 1262}, 7: {duty: 0.502}, 8: {duty: 0.4}}"
+    Path("config.yaml").write_text(f"panels: {{side_m: 0.3, white_hz: 2350, {overrides}}}")
+    note = "ID 3 is reported only if panels.ids lists it: a part or a reflection of a panel can look the same"
+    assert run("--id", "3", "--out", "configured").splitlines()[-1] == note
     settings = Path("configured/settings.h").read_text()
     assert "from 1262 Hz" in settings
     assert "from 2350 Hz" in settings
-    run("--id", "3", "--black", "1250", "--out", "overridden")
+    assert "panels.ids" not in run("--id", "3", "--black", "1250", "--out", "overridden", "--set", "panels.ids=[3]")
     assert "from 1250 Hz" in Path("overridden/settings.h").read_text()
-
-
-def test_a_duty_that_was_measured_is_a_half_as_far_as_noise_goes() -> None:
-    """`ledpi calibrate panel` measures 0.502 of this very driver; what is another duty is named by its own key."""
-    Path("config.yaml").write_text("panels: {side_m: 0.3, overrides: {7: {duty: 0.502}, 8: {duty: 0.4}}}")
     run("--id", "7", "--out", "measured")
     with pytest.raises(LedpiError, match=r"^panels\.overrides\.8\.duty: .* must be 0\.5, not 0\.4"):
         run("--id", "8", "--out", "other")
-
-
-def test_an_id_that_is_reported_only_if_it_is_listed_is_named() -> None:
-    """A part of another panel can look like 3."""
-    note = "ID 3 is reported only if panels.ids lists it: a part or a reflection of a panel can look the same"
-    assert run("--id", "3", "--out", "unlisted").splitlines()[-1] == note
-    assert "panels.ids" not in run("--id", "3", "--out", "listed", "--set", "panels.ids=[3]")
 
 
 def test_antiphase_is_one_frequency_half_a_period_late() -> None:
@@ -160,14 +146,15 @@ def test_what_cannot_be_driven_is_reported_in_one_line(arguments: list[str], mes
     assert not Path("out").exists()
 
 
-def test_a_suggested_frequency_is_accepted() -> None:
-    """Takes what a refusal names as best, and builds it."""
-    run("--id", "7", "--black", "1253.33", "--white", "2457.76", "--out", "out")
-
-
-def test_a_short_exposure_has_no_nulls_here() -> None:
-    """At 150 µs 1000 Hz steps are no matter: 2500 Hz is as good as 2450."""
-    run("--id", "7", "--white", "2500", "--set", "camera.exposure_us=150", "--out", "out")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--black", "1253.33", "--white", "2457.76"),  # as a refusal names them
+        ("--white", "2500", "--set", "camera.exposure_us=150"),  # which has no nulls there
+    ],
+)
+def test_what_helps_is_accepted(arguments: tuple[str, ...]) -> None:
+    run("--id", "7", *arguments, "--out", "out")
 
 
 def test_nothing_is_written_over(tmp_path: Path) -> None:

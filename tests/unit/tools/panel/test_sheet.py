@@ -103,28 +103,20 @@ def test_the_usual_supply_carries_three_leds_a_cell() -> None:
     assert usual.panel_w == pytest.approx(12 * 0.32 / 2)
 
 
-def test_a_supply_that_is_too_low_is_refused_with_what_would_do() -> None:
-    """Four LEDs of 3.2 V and half a volt each need 14.8 V."""
-    with pytest.raises(ConfigError, match=r"--supply 12:.*need 14\.8 V.* must be --supply 15 or --leds 3"):
-        circuit(leds=4)
-    with pytest.raises(ConfigError, match=r"--supply 3: .*must be --supply 5$"):
-        circuit(supply_v=3.0)
-
-
-def test_a_supply_that_is_too_high_is_refused() -> None:
-    """To touch, or for the resistors."""
-    with pytest.raises(ConfigError, match="at most 48 V"):
-        circuit(supply_v=60.0)
-    with pytest.raises(ConfigError, match=r"resistor would turn 19\.7 W into heat; .* \(--leds 6\)"):
-        circuit(supply_v=24.0, leds=1, current_a=1.0)
-    with pytest.raises(ConfigError, match="less current"):
-        circuit(current_a=3.0)
-
-
-def test_cells_are_placed_as_seen_from_the_front() -> None:
-    """Row 0 at the top, column 0 at the left; the origin in the middle."""
-    assert body().cell_centre_mm(0, 0) == (-60.0, 60.0)
-    assert body().cell_centre_mm(3, 0) == (-60.0, -60.0)
+@pytest.mark.parametrize(
+    ("supply_v", "leds", "current_a", "says"),
+    [
+        (12.0, 4, 0.02, r"--supply 12:.*need 14\.8 V.* must be --supply 15 or --leds 3"),  # 4 · 3.2 V and 4 · ½ V
+        (3.0, None, 0.02, r"--supply 3: .*must be --supply 5$"),
+        (60.0, None, 0.02, "at most 48 V"),  # to touch
+        (24.0, 1, 1.0, r"resistor would turn 19\.7 W into heat; .* \(--leds 6\)"),
+        (12.0, None, 3.0, "less current"),
+    ],
+)
+def test_a_supply_that_will_not_do_is_refused(supply_v: float, leds: int | None, current_a: float, says: str) -> None:
+    """Too low or too high, with what would do."""
+    with pytest.raises(ConfigError, match=says):
+        circuit(supply_v, leds, current_a)
 
 
 def test_walls_hide_no_light_that_is_read() -> None:
@@ -142,10 +134,11 @@ def test_cells_without_room_for_their_leds_are_refused() -> None:
 
 
 def test_the_front_shows_the_word_and_the_back_its_mirror_image() -> None:
-    """By where the letters are placed."""
+    """By where the letters are placed: row 0 at the top, column 0 at the left, the origin in the middle."""
     drawn = pages()
     assert letters(drawn["front"]) == WORD_7
     assert letters(drawn["back"]) == [row[::-1] for row in WORD_7]
+    assert body().cell_centre_mm(3, 0) == (-60.0, -60.0)
 
 
 def test_the_rulers_are_true_to_scale(tmp_path: Path) -> None:
@@ -211,12 +204,6 @@ def _ink(page: Page) -> np.ndarray:
     return np.asarray(canvas.buffer_rgba())[..., :3].min(axis=2) < 255
 
 
-def test_a_panel_that_takes_too_many_pages_is_refused() -> None:
-    """10 m at 1 : 1 would be 55 × 43 of them."""
-    with pytest.raises(ConfigError, match="takes 2365 pages of A4"):
-        run("7", "--out", "sheets", "--side", "10")
-
-
 def test_many_panels_of_any_grid() -> None:
     """A PDF for each ID, and each page as SVG."""
     told = run("3", "42", "--out", "sheets", "--set", "panels.dictionary=DICT_5X5_50")
@@ -229,15 +216,13 @@ def test_many_panels_of_any_grid() -> None:
     assert re.search(r'width="595\.27\d*pt" height="841\.8\d*pt"', svg)
 
 
-def test_an_id_outside_of_the_dictionary_is_refused_and_nothing_written() -> None:
-    """Not even for the other IDs."""
+def test_what_cannot_be_printed_is_refused_and_nothing_written() -> None:
+    """Not even for the other IDs; 10 m at 1 : 1 would be 55 × 43 pages."""
     with pytest.raises(ConfigError, match=r"ID 50: DICT_4X4_50 has the IDs 0 to 49"):
         run("7", "50", "--out", "sheets")
+    with pytest.raises(ConfigError, match="takes 2365 pages of A4"):
+        run("7", "--out", "sheets", "--side", "10")
     assert not Path("sheets").exists()
-
-
-def test_an_id_that_is_reported_only_if_it_is_listed_is_named() -> None:
-    """A part of another panel can look like 3."""
     note = "ID 3 is reported only if panels.ids lists it: a part or a reflection of a panel can look the same"
     assert run("3", "--out", "sheets").splitlines()[1:] == [note]
 
