@@ -26,6 +26,8 @@ make_venv() {
         echo "$0: $python must be Python 3.10 or newer with venv (Debian: apt install python3-venv)" >&2
         exit 2
     fi
+    # Of an activated environment the Python that made it: it is not cleared because it runs, nor made of itself.
+    python=$("$python" -c 'import os, sys; print(os.path.realpath(sys._base_executable))')
     bring_compiler "$python"
     wanted=$("$python" -c 'import sys; print(sys.executable, sys.version)'; cat pyproject.toml constraints/* setup.py build_core.py $(find ledpi -name "*.[ch]" | LC_ALL=C sort); echo "$@")
     if [[ ! -f $venv/inputs || $(<"$venv/inputs") != "$wanted" ]]; then

@@ -178,7 +178,7 @@ class Bridge:
             self._target.close()
         if str(error) != self._said:
             self._said = str(error)
-            _log.warning(event("target_lost", output=self._name, error=error, then="it is tried again"))
+            _log.warning(event("target_lost", output=self._name, error=error, then="retrying"))
         self._is_open = False
         self._retry_s = time.monotonic() + self._backoff_s
         self._backoff_s = min(2 * self._backoff_s, BACKOFF_LAST_S)

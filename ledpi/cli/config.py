@@ -111,7 +111,7 @@ def check(
     mistakes = mistakes_in(file, set_)
     for mistake in mistakes:
         typer.echo(mistake)
-    typer.echo(f"{file}: {counted(len(mistakes), 'mistake') if mistakes else 'no mistake'}")
+    typer.echo(f"{file}: {counted(len(mistakes), 'mistake') if mistakes else 'OK'}")
     raise typer.Exit(2 if mistakes else 0)
 
 

@@ -27,20 +27,27 @@ app.add_typer(map_app)
 def import_(
     layout: Path = typer.Argument(metavar="LAYOUT", help="WPILib's field layout (JSON), or Limelight's .fmap."),
     out: Path = typer.Argument(Path("markers.yaml"), metavar="OUT", help=_OUT),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
 ) -> None:
     """WPILib's AprilTag field layout, or Limelight's → markers.yaml.
 
-    WPILib's origin is a corner of the field, Limelight's is the middle. WPILib's layout holds no sizes.
+    WPILib's origin is a corner of the field, Limelight's is the middle. WPILib's layout holds no sizes. IDs that the
+    configuration's dictionary does not have are imported, and named.
 
     Example: ledpi map import 2024-crescendo.json markers.yaml
     """
     from ledpi.config.map_wpilib import load_layout
     from ledpi.config.map_yaml import map_text
+    from ledpi.config.robot import unreadable_note
+    from ledpi.config.settings import find_config, load_config
     from ledpi.tools.calibrate.files import write_keeping_old
 
+    settings = load_config(find_config(config), without_file=("panels.side_m=1",))
     panels = load_layout(layout)
     kept = write_keeping_old(out, map_text(panels, f"From {layout.name}, a field layout."))
     typer.echo(_written(out, len(panels), kept))
+    if note := unreadable_note(settings.panels, panels, out):
+        typer.echo(note)
 
 
 @map_app.command()

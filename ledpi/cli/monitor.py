@@ -16,6 +16,7 @@ import typer
 from ledpi.cli import app
 from ledpi.core.errors import WireError
 from ledpi.core.wording import counted
+from ledpi.diagnosis.no_fix import why_no_fix
 
 if TYPE_CHECKING:
     import serial
@@ -152,7 +153,7 @@ def _deviation_text(deviations: tuple[float, float, float] | None) -> str:
 
 
 def _status_text(m: StatusMessage) -> str:
-    fix = "fix" if m.no_fix == 0 else f"no fix: {m.no_fix.name.lower().replace('_', ' ')}"
+    fix = "fix" if m.no_fix == 0 else f"no fix: {why_no_fix(m.no_fix.name)}"
 
     def known(value: int | None, text: str = "{}") -> str:
         return "?" if value is None else text.format(value)

@@ -57,9 +57,10 @@ def simulate(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Simulated panels → a recording, with truth.jsonl.
+    """Simulated panels → a recording, with the truth.
 
-    Camera and panels come from the configuration. Without one, panels are 16 cm wide.
+    Camera and panels come from the configuration. Without one, panels are 16 cm wide. truth.jsonl holds the poses,
+    camera.yaml the lens.
 
     Example: ledpi simulate take --distance 2 --angle 30 --id 7 --frames 100 --exposure-us 150
     """
@@ -138,7 +139,9 @@ def _record(out: Path, scene: Scene, panels: PanelSettings, *, frames: int, seed
     import numpy as np
 
     from ledpi.camera.simulated import SimulatedCamera
+    from ledpi.config.camera_yaml import camera_yaml_text
     from ledpi.recording.writer import RecordingWriter
+    from ledpi.tools.calibrate.files import write_keeping_old
 
     camera = SimulatedCamera(scene, seed=seed, paced=False, frames=frames)
     pixels = np.empty((camera.info.height, camera.info.width), np.uint8)
@@ -149,3 +152,4 @@ def _record(out: Path, scene: Scene, panels: PanelSettings, *, frames: int, seed
         while (frame := camera.read(pixels)) is not None:
             writer.write(frame, camera.truth(frame.seq))
             advance(1)
+    write_keeping_old(out / "camera.yaml", camera_yaml_text(scene.sensor.intrinsics, {}))

@@ -28,8 +28,8 @@ def view(
 
     It shows the picture with overlay, panels, map, focus, health, recordings, and why a panel is not read. The daemon
     need not run yet, and may restart. By default only this machine can open the page; `view.listen` opens it to the
-    network. The command prints one line: the address to open, with the token that the page needs. Ends with Ctrl-C or
-    SIGTERM.
+    network. The command prints the address to open, with the token that the page needs, and a token that opens the
+    figures for Prometheus alone. Ends with Ctrl-C or SIGTERM.
 
     Example: ledpi view --set view.listen=0.0.0.0:8088
     """
@@ -39,6 +39,7 @@ def view(
     from ledpi.core.errors import ConfigError
     from ledpi.runtime.reporting import log_to_standard_error
     from ledpi.tap.of_config import of_config
+    from ledpi.view.guard import metrics_token
     from ledpi.view.hub import Hub
 
     log_to_standard_error()
@@ -54,6 +55,7 @@ def view(
     ending = {signal.SIGINT, signal.SIGTERM}
     signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # from here on they wait to be waited for
     typer.echo(f"open http://{_shown_host(server)}:{server.server_port}/#token={token}")
+    typer.echo(f"for Prometheus: /metrics with the token {metrics_token(token)}")
     hub.start()
     threading.Thread(target=server.serve_forever, name="server", daemon=True).start()
     signal.sigwait(ending)
@@ -86,15 +88,15 @@ def _share_memory() -> None:
 
 def _open(settings: ViewSettings, hub: Hub) -> tuple[ViewServer, str]:
     """The listening server, and the token that it wants. Raises ConfigError where the address cannot be had."""
-    import secrets
     import socket
 
     from ledpi.core.errors import ConfigError
     from ledpi.view.guard import Guard
+    from ledpi.view.own_token import kept_token
     from ledpi.view.server import ViewServer
 
     host, port = settings.address
-    token = settings.token or secrets.token_urlsafe(24)
+    token = settings.token or kept_token()
     own = socket.gethostname().lower()
     guard = Guard(token=token, names=frozenset({"localhost", own, f"{own}.local", *settings.hosts}))
     try:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from ledpi.config.map_yaml import load_map
+from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
@@ -36,17 +39,17 @@ def load_robot(config: Config) -> Robot:
     )
 
 
-def unreadable_note(config: Config, panels: PanelMap | None) -> str:
+def unreadable_note(settings: PanelSettings, panels: PanelMap | None, file: Path | None) -> str:
     """Names the map's panels that are never reported: without a word, or no panels by `panels.ids`; "" if none are.
 
     That is no error: a field's layout may hold tags that others read.
     """
-    words = len(load_dictionary(config.panels.dictionary).codewords)
+    words = len(load_dictionary(settings.dictionary).codewords)
     unreadable = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
     notes = []
     if unreadable:
         named = ", ".join(map(str, unreadable[:MAX_NAMED])) + (", …" if len(unreadable) > MAX_NAMED else "")
-        notes.append(f"{named} in {config.map} cannot be read: {config.panels.dictionary} has IDs 0 to {words - 1}")
-    if note := config.panels.unreported_note(panels or {}):
-        notes.append(f"{config.map}: {note}")
+        notes.append(f"{named} in {file} cannot be read: {settings.dictionary} has IDs 0 to {words - 1}")
+    if note := settings.unreported_note(panels or {}):
+        notes.append(f"{file}: {note}")
     return "; ".join(notes)

@@ -93,7 +93,7 @@ class RobotSettings(Section):
 class SerialSettings(Section):
     """The section `serial`."""
 
-    port: Annotated[str, Field(min_length=1)] | None = "/dev/ledpi-controller"
+    port: Annotated[str, Field(min_length=1)] | None = None
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
     protocol: Literal["ledpi", "mavlink"] = "ledpi"
     mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"

@@ -6,6 +6,7 @@ import reprlib
 import shlex
 import sys
 
+SERVICE_HOME = "/opt/ledpi"  # of scripts/install
 VALUE_LENGTH = 60  # characters of a value in a message
 LINE_LENGTH = 800  # of a message: a path may have 4096, and what is taken for one any number
 
@@ -35,7 +36,12 @@ def shortened_name(name: object) -> str:
 
 
 def install_command(extra: str) -> str:
-    """Returns what installs an extra for the interpreter that runs: another `pip` on the path would do so elsewhere."""
+    """Returns what installs an extra for the interpreter that runs: another `pip` on the path would do so elsewhere.
+
+    Where `scripts/install` has installed ledpi, that does it, and remembers it for its next update.
+    """
+    if sys.prefix == SERVICE_HOME:
+        return f"sudo scripts/install --with {extra} (in the clone)"
     return f"{shlex.quote(sys.executable)} -m pip install 'ledpi[{extra}]'"
 
 

@@ -27,8 +27,8 @@ AXES: tuple[Colour, Colour, Colour] = ((60, 60, 240), (80, 210, 80), (250, 110, 
 SIZE = 0.48  # of letters, in OpenCV's unit
 CELL_SHARE = 0.92  # of a cell's pitch that is coloured
 _SUBPIXEL_BITS = 4
-_WITHOUT_STROKE = {ord("±"): "+", ord("µ"): "u"}
-_STROKE = 10.0  # pixels that the stem of a µ goes below the baseline, at size 1
+# OpenCV 5 draws any letter. Older ones have ASCII only, and write ? for each byte of another letter.
+_SPELLED = {} if cv2.__version__.startswith("5.") else {ord("±"): "+/-", ord("µ"): "u"}
 
 
 def _fixed(points: Floats) -> Pixels:
@@ -47,11 +47,11 @@ def ascii_of(words: str) -> str:
 
 
 def _drawable(words: str) -> str:
-    """Each letter as older OpenCV has it.
+    """Each letter as this OpenCV has it.
 
     A file's name may hold bytes that are no UTF-8; those would end OpenCV 5, and Python with it.
     """
-    return words.translate(_WITHOUT_STROKE).encode("utf-8", "replace").decode("utf-8")
+    return words.translate(_SPELLED).encode("utf-8", "replace").decode("utf-8")
 
 
 def _font(bold: bool) -> int:
@@ -67,20 +67,8 @@ def text(
     colour: Colour = TEXT,
     bold: bool = False,
 ) -> None:
-    """Words whose baseline begins at a pixel (x, y). ASCII, ± and µ: older OpenCV has no other letters."""
+    """Words whose baseline begins at a pixel (x, y). ASCII, ± and µ are drawn by every OpenCV."""
     cv2.putText(canvas, _drawable(words), at, _font(bold), size, colour, 1, cv2.LINE_AA)
-    for index, letter in enumerate(words):
-        if ord(letter) in _WITHOUT_STROKE:
-            left, right = (at[0] + text_size(words[:end], size=size, bold=bold)[0] for end in (index, index + 1))
-            _stroke(canvas, letter, (left, right), at[1], round(_STROKE * size), colour)
-
-
-def _stroke(canvas: Canvas, letter: str, x: tuple[int, int], baseline: int, length: int, colour: Colour) -> None:
-    """Draws what makes ± of a + (a line below it), and µ of an u (a stem that goes down)."""
-    start, end = ((x[0] + 2, baseline + 2), (x[1] - 2, baseline + 2))
-    if letter == "µ":
-        start, end = (x[0] + 1, baseline), (x[0] + 1, baseline + length)
-    cv2.line(canvas, start, end, colour, 1, cv2.LINE_AA)
 
 
 def outline(canvas: Canvas, corners: Floats, colour: Colour, thickness: int) -> None:

@@ -83,7 +83,7 @@ REASONS: dict[str, Explained] = {
     "fix.ambiguous": Explained(
         "one panel is seen, and its mirror pose is not excluded", "show two panels; panels.upright: true"
     ),
-    "fix.panels_contradict": Explained("panels do not hang as the map says", "correct the map"),
+    "fix.panels_contradict": Explained("panels contradict the map", "correct the map"),
     "uemura.no_square": Explained("with decode.method: uemura only: no square", "use likelihood"),
     "uemura.cell_without_bands": Explained(
         "with decode.method: uemura only: a cell shows no bands", "use likelihood, or a shorter exposure"

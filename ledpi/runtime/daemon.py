@@ -289,7 +289,7 @@ class Daemon:
 
 def _warn(config: Config, pipeline: Pipeline, info: CameraInfo, robot: Robot) -> None:
     """Warns of what is no error, and probably not meant."""
-    if note := unreadable_note(config, robot.panels):
+    if note := unreadable_note(config.panels, robot.panels, config.map):
         _log.warning("map: %s", note)
     for note in exposure_notes(config, pipeline.panels, info):
         _log.warning("%s", note)

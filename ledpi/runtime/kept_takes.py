@@ -27,7 +27,7 @@ PIECE_BYTES = 1 << 18
 MOST_LISTED = 300  # the newest
 _NAME = re.compile(rf"\d{{8}}T\d{{6}}Z-[a-z_]{{1,20}}(-\d{{1,3}})?({re.escape(PART)})?", re.ASCII)
 _BLOCK = tarfile.BLOCKSIZE
-_IN_WORK = "is being written; ask again when it is whole"
+_IN_WORK = "is being written; ask again when it is complete"
 
 
 class _Member(NamedTuple):

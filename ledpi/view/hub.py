@@ -11,9 +11,11 @@ from dataclasses import asdict
 from typing import Any
 
 from ledpi.core.errors import TapError
+from ledpi.diagnosis.no_fix import why_no_fix
 from ledpi.tap.client import Client, connect
 from ledpi.tools.doctor.running import checks
 from ledpi.view.lines import check_line
+from ledpi.view.metrics import Seen, metrics
 from ledpi.view.panels import PanelTable
 from ledpi.view.pictures import Pictures
 from ledpi.view.top_down import panels_from_above, robot_from_above
@@ -50,6 +52,7 @@ class Hub:
         self._decoded: dict[str, Any] | None = None
         self._placed: dict[str, Any] | None = None  # the last line with a fix
         self._panels = PanelTable()
+        self._seen = Seen()
         self._history: deque[dict[str, Any]] = deque(maxlen=KEPT_HEALTH)
         self._track: deque[tuple[float, float, int]] = deque(maxlen=KEPT_TRACK)
         self._answers: dict[int, dict[str, Any]] = {}
@@ -88,14 +91,16 @@ class Hub:
                 "recording": self._recording is not None,
                 "panels": self._panels.rows(now_ns),
                 "robot": (robot := self._robot(now_ns)),
-                "no_fix": self._no_fix(robot),
+                "no_fix": (why := self._no_fix(robot)),
+                "no_fix_says": None if why is None else why_no_fix(why),
                 "map": None if self._hello is None else panels_from_above(self._hello),
             }
 
-    def health(self) -> dict[str, Any] | None:
-        """The newest; None where no daemon tells."""
+    def metrics(self) -> str:
+        """For Prometheus."""
         with self._changed:
-            return self._health if self._link()["state"] == "up" else None
+            health = self._health if self._link()["state"] == "up" else None
+            return metrics(health, self._seen, "" if self._hello is None else self._hello.get("version"))
 
     def history(self) -> dict[str, Any]:
         """Health of the last minutes, and the robot's track, both oldest first."""
@@ -205,6 +210,7 @@ class Hub:
             if line.get("robot") is not None:
                 self._placed = line
             self._panels.see(line)
+            self._seen.see(line)
             self._keep_track(line)
         elif line.get("id") in self._waited_for:
             self._answers[line["id"]] = line

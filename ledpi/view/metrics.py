@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import Any
+
+from ledpi import __version__
 
 KIND = "text/plain; version=0.0.4; charset=utf-8"
 # Name, type, help, and where the tap's `health` has it.
@@ -20,9 +24,30 @@ _PLAIN = (
 )
 
 
-def metrics(health: dict[str, Any] | None) -> str:
-    """All figures of a `health` line; without one (no daemon answers) only `ledpi_up`, which is 0 then."""
-    lines = _family("up", "gauge", "1 where the daemon answers", [("", health is not None)])
+@dataclass(slots=True)
+class Seen:
+    """Counts of what the page has heard of since it began to follow: a daemon's line tells each frame once."""
+
+    fixes: int = 0
+    markers: Counter[int] = field(default_factory=Counter)  # by ID
+
+    def see(self, decoded: dict[str, Any]) -> None:
+        """Counts a frame."""
+        self.fixes += decoded.get("robot") is not None
+        self.markers.update(marker["id"] for marker in decoded["markers"])
+
+
+def metrics(health: dict[str, Any] | None, seen: Seen, version: object) -> str:
+    """All figures of a `health` line; without one (no daemon answers) those that do not come from it.
+
+    `version`: the daemon's; the page's own is beside it.
+    """
+    built = f'{{version="{__version__}",daemon="{_quoted(version)}"}}'
+    lines = _family("build_info", "gauge", "Versions of the page and of the daemon", [(built, 1)])
+    lines += _family("fixes_total", "counter", "Frames with the robot's place, since the page runs", [("", seen.fixes)])
+    by_id = [(f'{{id="{marker_id}"}}', count) for marker_id, count in sorted(seen.markers.items())]
+    lines += _family("markers_total", "counter", "Detections by ID, since the page runs", by_id)
+    lines += _family("up", "gauge", "1 where the daemon answers", [("", health is not None)])
     if health is None:
         return "\n".join(lines) + "\n"
     for name, kind, about, path in _PLAIN:

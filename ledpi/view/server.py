@@ -20,7 +20,6 @@ from ledpi.view.guard import Guard
 from ledpi.view.handler import TEXT, Answers, GuardedServer, RequestHandler, encoded
 from ledpi.view.hub import SAVED_S, Hub
 from ledpi.view.metrics import KIND as METRICS
-from ledpi.view.metrics import metrics
 from ledpi.view.pictures import KINDS
 from ledpi.view.takes import Takes
 
@@ -84,7 +83,7 @@ class Handler(RequestHandler):
 
     def answer_metrics(self, query: dict[str, str], body: bytes) -> None:
         """For Prometheus."""
-        self.send_content(200, METRICS, metrics(self.server.hub.health()).encode())
+        self.send_content(200, METRICS, self.server.hub.metrics().encode())
 
     def answer_nothing(self, query: dict[str, str], body: bytes) -> None:
         """Browsers ask for an icon."""

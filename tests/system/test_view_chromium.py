@@ -312,7 +312,7 @@ def test_a_recording_is_listed_downloaded_and_deleted(opened: Any, folder: Path,
     assert js(opened, f"return [...{row}.cells].slice(1, 4).map(c => c.textContent)") == [
         "recording",
         str(len(list((takes / name / "frames").iterdir()))),
-        "whole",
+        "complete",
     ]
     js(opened, f"{row}.querySelectorAll('button')[0].click()")
     wait_until((tmp_path / f"{name}.tar").exists, "the download")
@@ -380,7 +380,7 @@ def test_a_phone_shows_it_without_scrolling_sideways(page: Page, width: int, kin
             lambda: js(phone, "return document.querySelectorAll('#panels tbody tr').length > 1"), "the panels' rows"
         )
         choose(phone, kind)
-        js(phone, "document.getElementById('config').open = true")
+        js(phone, "document.querySelectorAll('details').forEach((part) => { part.open = true; })")
         time.sleep(1.0)
         seen = phone.execute_script(f"{fill} return [innerWidth, document.documentElement.scrollWidth]", longest)
         assert seen == [width, width]

@@ -99,7 +99,7 @@ def _map(config: Config, today: date) -> Part:
     except ConfigError as error:
         return Part(name="map", text=str(error), done=False, command=command)
     text = f"{config.map}: {counted(len(panels), 'panel')}, {_age(_changed(config.map), today)}"
-    strangers = unreadable_note(config, panels)
+    strangers = unreadable_note(config.panels, panels, config.map)
     return Part(name="map", text="; ".join(filter(None, (text, strangers))), done=not strangers, command=command)
 
 

@@ -98,7 +98,7 @@ def _map(config: Config) -> Finding:
         return bad("map", str(error), "correct it, or make one with `ledpi calibrate map`", stops_daemon=True)
     if panels is None:
         return unknown("map", "map is not set: panel positions are sent, no robot position")
-    strangers = unreadable_note(config, panels)
+    strangers = unreadable_note(config.panels, panels, config.map)
     if strangers:
         return bad("map", strangers, "correct their IDs, panels.dictionary or panels.ids")
     return ok("map", f"{config.map}: {counted(len(panels), 'panel')}")

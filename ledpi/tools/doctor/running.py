@@ -106,9 +106,9 @@ def checks(hello: dict[str, Any], health: dict[str, Any]) -> list[Finding]:
 def _camera(health: dict[str, Any]) -> Finding:
     state = health["state"].replace("_", " ")
     if health["state"] == "camera_lost":
-        return bad("camera", "is lost; the daemon tries to open it again", "check its cable and supply")
+        return bad("camera", "is lost; the daemon is retrying", "check its cable and supply")
     if health.get("no_fix") == "behind":
-        return bad("frames", "come faster than they are decoded", "end other programs, or set a longer frame period")
+        return bad("frames", "decoding is too slow", "end other programs, or set a longer frame period")
     return ok("camera", f"{state}, {health.get('frames_per_s') or 0:.0f} frames/s")
 
 

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.wording import one_line
+from ledpi.diagnosis.no_fix import why_no_fix
 from ledpi.diagnosis.reasons import explained
 from ledpi.tools.doctor.running import checks
 
@@ -92,7 +93,7 @@ class Live:
         return Group(self._daemon(), panels, *told)
 
     def line(self, now_s: float) -> str:
-        """The same in one line, for a log: `ID 7 1.002 m +0.4° | no fix: no map | running, 58 frames/s`."""
+        """The same in one line, for a log: `ID 7 1.002 m +0.4° | no fix: no map is set | running, 58 frames/s`."""
         if self._lost:
             return self._daemon().plain
         seen = [
@@ -129,8 +130,7 @@ class Live:
 
     def _fix_line(self, now_s: float) -> Text:
         if self._fix is None or now_s - self._fix[1] > GONE_S:
-            why = str(self._health.get("no_fix", "?")).replace("_", " ")
-            return Text(f"no fix: {why}", style="yellow")
+            return Text(f"no fix: {why_no_fix(str(self._health.get('no_fix', '?')))}", style="yellow")
         robot, at_s = self._fix
         x, y, z = robot["position_m"]
         heading = heading_deg(robot["quaternion_wxyz"])

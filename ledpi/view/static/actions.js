@@ -75,7 +75,8 @@ $("config").addEventListener("toggle", async () => {
     const keys = await (await ask("api/config")).json();
     $("keys").replaceChildren(...keys.map(({ key, value, from }) => {
       const row = document.createElement("tr");
-      cells(row, [key, value === null ? "null" : typeof value === "object" ? JSON.stringify(value) : String(value), from]);
+      cells(row, ["", value === null ? "null" : typeof value === "object" ? JSON.stringify(value) : String(value), from]);
+      row.cells[0].append(...key.split(/(?<=[._])/).flatMap((part) => [part, html("wbr")])); // where a phone may break it
       return row;
     }));
   } catch (error) {

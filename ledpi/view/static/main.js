@@ -30,7 +30,7 @@ async function nextState() {
 
 setInterval(() => {
   if (silentFor() < SILENT_MS || document.hidden || isLoggingIn()) return;
-  notice("ledpi view does not answer; this page tries again and again.");
+  notice("ledpi view does not answer; retrying.");
   $("state").textContent = "no answer";
   $("state").className = "pill down";
   serverIsGone();

@@ -3,25 +3,18 @@
 import { $, notice } from "./server.js";
 import { cells, number } from "./drawing.js";
 
-const NO_FIX = {
-  not_running: "", no_frames: "the camera delivers nothing", uncalibrated: "the lens is not calibrated", no_map: "no map is set",
-  no_panel: "no panel is in view", not_in_map: "no panel of the map is in view", panels_contradict: "panels do not hang as the map says",
-  ambiguous: "one panel is in view, and its mirror pose is not excluded", rejected: "the panels' poses do not agree with the map",
-  stale: "the last one is too old", behind: "frames come faster than they are decoded", unknown: "unknown",
-};
 const GOOD_MS = 6000; // that a good notice stays
 
 let lastLink = "", starts = 0, goodUntil = 0;
 export function serverIsGone() { lastLink = "down"; }
 
 // Returns whether the daemon is back.
-export function tellLink({ link, health, daemon, panels, no_fix }) {
+export function tellLink({ link, health, daemon, panels, no_fix_says }) {
   const up = link.state === "up";
   const says = up ? (health ? health.state.replaceAll("_", " ") : "connected") : link.state === "down" ? "no daemon" : "silent";
   $("state").textContent = says;
   $("state").className = `pill ${!up ? "down" : health && health.state !== "running" ? "warn" : "up"}`;
-  const why = up && no_fix ? NO_FIX[no_fix] ?? no_fix.replaceAll("_", " ") : "";
-  $("fix").textContent = why ? `no position on the map: ${why}` : "";
+  $("fix").textContent = up && no_fix_says ? `no position on the map: ${no_fix_says}` : "";
   const back = up && lastLink !== "" && lastLink !== "up";
   if (!up) {
     notice(`The picture stands still: ${link.says}.`);

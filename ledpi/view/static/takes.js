@@ -12,7 +12,7 @@ const CAUSES = { asked: "last seconds", recorded: "recording", camera_lost: "cam
 function told({ name, frames, written }) {
   const [, y, mo, d, h, mi, s, cause, part] = /^(....)(..)(..)T(..)(..)(..)Z-([a-z_]+).*?(\.part)?$/.exec(name);
   const when = new Date(Date.UTC(y, mo - 1, d, h, mi, s)).toLocaleString();
-  return [when, CAUSES[cause] || cause, String(frames), written ? "being written" : part ? "incomplete" : "whole"];
+  return [when, CAUSES[cause] || cause, String(frames), written ? "being written" : part ? "incomplete" : "complete"];
 }
 
 function button(text, label, act, off) {

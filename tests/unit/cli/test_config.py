@@ -130,7 +130,7 @@ def test_check_looks_into_the_files_that_are_named(here: Path, ledpi: Ledpi) -> 
     (here / "m.yaml").write_text(MAP)
     (here / "c.yaml").write_text(LENS)
     done = ledpi("config", "check")
-    assert (done.status, done.out) == (0, "config.yaml: no mistake\n")
+    assert (done.status, done.out) == (0, "config.yaml: OK\n")
 
 
 # ---- set

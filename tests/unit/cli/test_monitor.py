@@ -130,7 +130,7 @@ def test_text_lines_show_what_matters(monitored: Monitored) -> None:
     assert "no pose" in uncalibrated
     assert "uncalibrated" in uncalibrated
     assert "heading -73.7°  panels 2  age 16.7 ms" in fix
-    assert "running, no fix: no panel" in status
+    assert "running, no fix: no panel is in view" in status
 
 
 def test_the_summary_counts_lost_and_bad_packets(monitored: Monitored) -> None:

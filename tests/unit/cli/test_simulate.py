@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from ledpi.core.errors import LedpiError
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import load_recording
 
+ROOT = Path(__file__).parents[3]
 APP = typer.Typer()
 APP.command()(simulate)
 
@@ -36,6 +38,16 @@ def test_it_says_what_it_wrote_and_what_to_do_with_it() -> None:
     """The folder, as a shell takes it."""
     result = CliRunner().invoke(APP, ["my take", "--frames", "1"])
     assert result.stdout == "my take: 1 frame, with the truth; next: ledpi decode 'my take'\n"
+
+
+def test_the_python_lines_of_the_readme_run_as_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    """In the folder of `ledpi simulate take`, with the camera.yaml that it wrote: panel 7, 1 m away."""
+    assert run("take", "--frames", "1") == 0
+    lines = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert lines is not None
+    exec(lines[1], {})
+    (found,) = (line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("7 "))
+    assert float(found[-1]) == pytest.approx(1.0, rel=0.01)
 
 
 def test_still_panels_at_a_distance_and_an_angle(tmp_path: Path) -> None:

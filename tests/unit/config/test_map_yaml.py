@@ -283,17 +283,18 @@ def test_a_mistake_in_a_layout_is_named(tmp_path: Path, change: Any, message: st
 
 
 def test_map_import_and_export_keep_the_older_file(tmp_path: Path) -> None:
-    """`ledpi map import`, then `export`: the layout again, and nothing overwritten; a bad one leaves all as it is."""
+    """`export`: the layout again, nothing overwritten; an ID without a word is named; what is bad changes nothing."""
     layout = tmp_path / "layout.json"
-    layout.write_text(json.dumps(LAYOUT))
+    layout.write_text(json.dumps(LAYOUT).replace('"ID": 7', '"ID": 57'))
     (tmp_path / "markers.yaml").write_text("my own")
     done = ledpi("map", "import", layout, "markers.yaml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "2 panels" in done.stdout
+    assert "57 in markers.yaml cannot be read: DICT_4X4_50 has IDs 0 to 49" in done.stdout
     assert (tmp_path / "markers.yaml.bak-1").read_text() == "my own"
     field = ("--field", "16.541", "8.211")
     assert ledpi("map", "export", "markers.yaml", "out.json", *field, cwd=tmp_path).returncode == 0
-    assert [tag["ID"] for tag in json.loads((tmp_path / "out.json").read_text())["tags"]] == [4, 7]
+    assert [tag["ID"] for tag in json.loads((tmp_path / "out.json").read_text())["tags"]] == [4, 57]
     before = (tmp_path / "markers.yaml").read_text()
     layout.write_text("{}")
     failed = ledpi("map", "import", layout, "markers.yaml", cwd=tmp_path)

@@ -18,10 +18,11 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+from ledpi import __version__
 from ledpi.recording.picture_text import text_of
 from ledpi.tap.frames import camera_of, settings_of
 from ledpi.view import connections, pictures
-from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard
+from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard, metrics_token
 from ledpi.view.hub import Hub
 from ledpi.view.server import Handler, ViewServer
 from tests.builders.made_up_daemon import HEALTH, PANEL, PIECE_BYTES, TAKE, TAKE_BYTES, MadeUpDaemon
@@ -207,6 +208,7 @@ def test_the_head_line_says_nothing_against_the_map(
 
     daemon.frame = {"rejected": {"fix.ambiguous": 1}}
     wait_until(lambda: (now := state())["robot"] is None and now["no_fix"] == "ambiguous")
+    assert state()["no_fix_says"] == "one panel is in view, and its mirror pose is not excluded"
     daemon.frame = {"robot": robot}
     wait_until(lambda: state()["robot"] is not None)
     assert state()["no_fix"] is None
@@ -570,7 +572,7 @@ def _all(connection: socket.socket) -> bytes:
 
 
 def test_metrics_are_read_by_prometheus_own_parser(site: Site, daemon: MadeUpDaemon) -> None:
-    """Counters, reasons, state; without a daemon only that there is none."""
+    """Counters, reasons, state, versions, what was read; without a daemon nothing of its health."""
     parser = pytest.importorskip("prometheus_client.parser")
     site.state_once("up")
     wait_until(lambda: b"ledpi_decoded" in site.ask("GET", "/metrics").body)
@@ -586,15 +588,22 @@ def test_metrics_are_read_by_prometheus_own_parser(site: Site, daemon: MadeUpDae
     assert found["ledpi_latency_seconds", "worst"] == 0.006
     assert found["ledpi_serial_connected",] == 1.0
     assert found["ledpi_state", "running", "no_map"] == 1.0
+    assert found["ledpi_build_info", __version__, "0.0.0"] == 1.0
+    assert found["ledpi_markers_total", "7"] >= 1.0
+    assert found["ledpi_fixes_total",] == 0.0
     daemon.close()
     site.state_once("down")
     assert site.ask("GET", "/metrics").body.decode().splitlines()[-1] == "ledpi_up 0"
 
 
 def test_metrics_need_the_token(site: Site) -> None:
-    """As all that is told."""
+    """As all that is told; or one of their own, which opens nothing else."""
     assert site.ask("GET", "/metrics", {}).status == 401
     assert site.ask("GET", "/metrics").status == 200
+    own = {"Authorization": f"Bearer {metrics_token(TOKEN)}"}
+    assert site.ask("GET", "/metrics", own).status == 200
+    assert site.ask("GET", "/api/state", own).status == 401
+    assert site.ask("POST", "/api/save", own).status == 401
 
 
 # ---- Recordings

@@ -18,6 +18,7 @@ from ledpi.core.errors import ConfigError
 from ledpi.view import guard
 from ledpi.view.guard import Guard
 from ledpi.view.hub import Hub
+from ledpi.view.own_token import kept_token
 from tests.builders.command import complaint, in_process
 from tests.builders.view import view
 from tests.builders.waiting import limit_s
@@ -78,6 +79,17 @@ def test_a_proxy_may_ask_by_its_own_name() -> None:
     refused = server.guard.refuse("/api/state", {"host": "evil.example", **right})
     assert refused is not None
     assert refused.status == 421
+
+
+def test_a_service_keeps_its_token(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In systemd's state folder; a file that holds none is replaced, and without the folder each start makes one."""
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    token = kept_token()
+    assert (kept_token(), (tmp_path / "token").read_text()) == (token, token)
+    (tmp_path / "token").write_text("")
+    assert kept_token() == kept_token() != token
+    monkeypatch.delenv("STATE_DIRECTORY")
+    assert kept_token() != kept_token()
 
 
 @pytest.mark.parametrize("name", ["robot.lan:8443", "http://robot.lan", "'*'", "-robot", "robot..lan", "''", "7"])

@@ -48,7 +48,7 @@ def test_a_daemon_that_is_well_has_nothing_to_put_right() -> None:
         ({"camera": HELLO["camera"] | {"fx": None}}, {}, "lens", "is not calibrated"),
         ({"camera": HELLO["camera"] | {"exposure_us": 8000.0}}, {}, "exposure", "at a null of 1250 Hz"),
         ({}, {"state": "camera_lost"}, "camera", "is lost"),
-        ({}, {"no_fix": "behind"}, "frames", "faster than they are decoded"),
+        ({}, {"no_fix": "behind"}, "frames", "decoding is too slow"),
         ({}, {"wire": {"connected": False, "error": "no such port"}}, "serial port", "no such port"),
         ({}, {"wire": wire(sent=0, replaced=300)}, "serial port", "takes nothing: none of 300 packets of the last 5 s"),
         ({}, {"wire": wire(sent=0)}, "serial port", "takes nothing"),
