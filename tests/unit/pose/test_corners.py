@@ -98,7 +98,7 @@ def test_an_unknown_motion_moves_corners_as_a_camera_would() -> None:
 
 def test_an_unknown_motion_moves_corners_by_the_slopes_of_their_picture() -> None:
     """Central differences of a square that faces the camera 2 m ahead and aside, by each of the six motions."""
-    square = np.array([[-0.08, -0.08, 0], [0.08, -0.08, 0], [0.08, 0.08, 0], [-0.08, 0.08, 0]]) + [0.6, -0.4, 2.0]
+    square = np.array([[0.52, -0.48, 2.0], [0.68, -0.48, 2.0], [0.68, -0.32, 2.0], [0.52, -0.32, 2.0]])
 
     def seen_after(motion: Floats) -> Floats:
         points = square - motion[:3] - np.cross(motion[3:], square)
