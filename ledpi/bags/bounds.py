@@ -22,6 +22,7 @@ def memory_bounded(path: Path) -> Iterator[None]:
     try:
         yield
     except MemoryError:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the words of the error, too, take some
         most = f"{MAX_BYTES >> 20} MB"
         raise RecordingError(f"{path}: would take more than {most} of memory to read; must be smaller") from None
     finally:

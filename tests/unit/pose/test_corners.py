@@ -96,6 +96,22 @@ def test_an_unknown_motion_moves_corners_as_a_camera_would() -> None:
     np.testing.assert_allclose(np.cov(moved.T) / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.1)
 
 
+def test_an_unknown_motion_moves_corners_by_the_slopes_of_their_picture() -> None:
+    """Central differences of a square that faces the camera 2 m ahead and aside, by each of the six motions."""
+    square = np.array([[0.52, -0.48, 2.0], [0.68, -0.48, 2.0], [0.68, -0.32, 2.0], [0.52, -0.32, 2.0]])
+
+    def seen_after(motion: Floats) -> Floats:
+        points = square - motion[:3] - np.cross(motion[3:], square)
+        return np.asarray(points[:, :2] / points[:, 2:] * (LENS.fx, LENS.fy) + (LENS.cx, LENS.cy)).ravel()
+
+    little = 1e-5 * np.diag([SPEED_SIGMA_M_S] * 3 + [TURN_SIGMA_RAD_S] * 3)
+    slopes = np.array([seen_after(step) - seen_after(-step) for step in little]) / 2e-5
+    expected = slopes.T @ slopes
+    np.testing.assert_allclose(
+        velocity_covariance(seen_after(np.zeros(6)).reshape(4, 2), 0.16, LENS), expected, atol=1e-6 * expected.max()
+    )
+
+
 def moved(velocity_px_s: Floats | None, sigma_px_s: float = 6.0) -> Floats:
     """(8,) by how many pixels the motion between rows may have moved each coordinate of a square 80 px high."""
     seen = Detection(
