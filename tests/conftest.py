@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 from tests.builders import ROOT
+from tests.builders.waiting import limit_s
 
 # The same examples in each run, however long one takes on a busy machine.
 settings.register_profile("ledpi", derandomize=True, deadline=None, database=None)
@@ -32,11 +32,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Gives each test its limit, and leaves cases out where the command asks for it."""
-    slower = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))  # others at work beside the tests
     for item in items:
         if item.get_closest_marker("timeout") is None:
-            limit_s = LIMIT_S if item.get_closest_marker("slow") is None else SLOW_LIMIT_S
-            item.add_marker(pytest.mark.timeout(limit_s * slower))
+            idle_s = LIMIT_S if item.get_closest_marker("slow") is None else SLOW_LIMIT_S
+            item.add_marker(pytest.mark.timeout(limit_s(idle_s)))
     if config.getoption("first_and_last"):
         kept = _first_and_last(items)
         config.hook.pytest_deselected(items=[item for item in items if item not in kept])

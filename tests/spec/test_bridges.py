@@ -68,6 +68,7 @@ def shows(daemon: MadeUpDaemon, frames: int) -> None:
     wait_until(lambda: daemon.last_seq >= seen + frames)
 
 
+@pytest.mark.slow
 def test_frames_arrive_in_order_with_their_age(far: Far, running: Running, daemon: MadeUpDaemon) -> None:
     """Each once, none older than allowed when it is sent."""
     frames = frames_after(far, len(far.frames))
@@ -84,6 +85,7 @@ def test_frames_arrive_in_order_with_their_age(far: Far, running: Running, daemo
     assert counters["opened"] == 1
 
 
+@pytest.mark.slow
 def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(
     far: Far, running: Running, daemon: MadeUpDaemon
 ) -> None:
@@ -130,6 +132,7 @@ def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(
     assert running.process.poll() is None
 
 
+@pytest.mark.slow
 def test_a_far_end_that_blocks_delays_no_other_follower_of_the_tap(far: Far, running: Running, tmp_path: Path) -> None:
     """They get every frame."""
     far.block()
@@ -139,6 +142,7 @@ def test_a_far_end_that_blocks_delays_no_other_follower_of_the_tap(far: Far, run
     far.unblock()
 
 
+@pytest.mark.slow
 def test_garbage_from_the_far_end_does_no_harm(far: Far, running: Running) -> None:
     """It is read and thrown away."""
     far.send_garbage()
@@ -146,6 +150,7 @@ def test_garbage_from_the_far_end_does_no_harm(far: Far, running: Running) -> No
     assert running.process.poll() is None
 
 
+@pytest.mark.slow
 def test_a_frame_that_fits_no_message_stops_nothing(far: Far, running: Running, daemon: MadeUpDaemon) -> None:
     """The next one is sent."""
     daemon.frame = {"markers": [{"id": 7}]}
@@ -156,6 +161,7 @@ def test_a_frame_that_fits_no_message_stops_nothing(far: Far, running: Running, 
     assert running.process.poll() is None
 
 
+@pytest.mark.slow
 def test_frames_that_the_tap_dropped_for_the_bridge_are_counted(
     far: Far, running: Running, daemon: MadeUpDaemon
 ) -> None:
@@ -166,6 +172,7 @@ def test_frames_that_the_tap_dropped_for_the_bridge_are_counted(
     assert running.end()["missed"] == 7
 
 
+@pytest.mark.slow
 def test_a_daemon_that_ends_and_comes_back_is_followed_again(
     far: Far, running: Running, daemon: MadeUpDaemon, tmp_path: Path
 ) -> None:

@@ -14,6 +14,7 @@ FITTER = Fitter(4, None)
 WHOLE = Effort(rounds=10, reweightings=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("side", "exposure_us"),
     [

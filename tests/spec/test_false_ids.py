@@ -60,6 +60,7 @@ def codebook_with(own: np.ndarray) -> Codebook:
     )
 
 
+@pytest.mark.slow
 def test_of_all_patterns_as_many_are_taken_for_a_word_as_was_asked_for() -> None:
     """1 in 100, within a factor of 2: where most are, evenly over all patterns two or more cells off every word."""
     rng, shown = np.random.default_rng(0), word(7).ravel()
@@ -88,6 +89,7 @@ def test_what_the_exposure_leaves_of_square_waves_may_be_sinusoids(exposure_us: 
     assert are_sinusoids(exposure_us, SPEC) is sinusoids
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exposure_us", "side"), [(640.0, 24.0), (640.0, 28.0), (2000.0, 28.0)])
 def test_patterns_two_cells_off_are_no_words_where_they_are_none(exposure_us: float, side: float) -> None:
     """Neighbours' light shows at the rim of small cells there, and noise is little: odds are high for whatever fits.

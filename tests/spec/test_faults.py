@@ -140,6 +140,7 @@ def settings(take: Path, tmp_path: Path) -> tuple[str, ...]:
 FOR_EVER = ("--frames", "1000000")
 
 
+@pytest.mark.slow
 @alone
 def test_unplugged_and_plugged_in_again(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """Twice, in the middle of packets: the stream is back in a second, whole, and with nothing that waited."""
@@ -161,6 +162,7 @@ def test_unplugged_and_plugged_in_again(take: Path, tmp_path: Path, plug: Callab
     assert isinstance(line.messages[0], StatusMessage)  # what a port gets first, so that its end knows where it is
 
 
+@pytest.mark.slow
 def test_the_port_becomes_something_else(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """A name that leads to no serial port for a while is waited out; each state is one line in the log."""
     line = plug()
@@ -179,6 +181,7 @@ def test_the_port_becomes_something_else(take: Path, tmp_path: Path, plug: Calla
     assert sum("serial_open" in entry for entry in said) == 2
 
 
+@pytest.mark.slow
 @alone
 def test_a_receiver_that_stops_reading(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """Decoding goes on; when it reads again, and has thrown away what piled up, what comes is new."""
@@ -195,6 +198,7 @@ def test_a_receiver_that_stops_reading(take: Path, tmp_path: Path, plug: Callabl
     assert min(decoded[1:]) > 0  # the first second is the start's
 
 
+@pytest.mark.slow
 @alone
 def test_a_receiver_as_fast_as_the_line(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """It takes 11,520 bytes a second and not one more: no packet is damaged, none is lost."""
@@ -211,6 +215,7 @@ def test_a_receiver_as_fast_as_the_line(take: Path, tmp_path: Path, plug: Callab
     assert (line.receiver.counters.bad, line.receiver.counters.lost) == ({}, 0)
 
 
+@pytest.mark.slow
 def test_corrupted_frames(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """A tenth of the pictures are broken, each in another way: no ID but the right one, and the others are sent."""
     rng = random.Random(8)
@@ -248,6 +253,7 @@ def test_sigterm_at_any_moment(take: Path, tmp_path: Path, plug: Callable[[], Li
         assert not any("Traceback" in entry for entry in ended.log)
 
 
+@pytest.mark.slow
 def test_nobody_takes_its_log(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """A pager that waits, a terminal that was stopped with Ctrl-S: the heartbeat goes on, and SIGTERM ends it."""
     line, (reads, writes) = plug(), os.pipe()
@@ -288,6 +294,7 @@ Pipeline.decode = slowly
 """
 
 
+@pytest.mark.slow
 def test_sigterm_while_a_frame_takes_long(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """Nobody waits for it; and C++ does not abort the process because of the thread that is in it."""
     line = plug()
@@ -321,6 +328,7 @@ class Hanging(OtherCamera):
         self.may_end.wait()
 
 
+@pytest.mark.slow
 def test_a_driver_that_hangs_does_not_keep_the_last_word(tmp_path: Path, plug: Callable[[], Line]) -> None:
     """It would hang until systemd's patience is over, 5 s after SIGTERM, and the controller would hear nothing."""
     line, camera = plug(), Hanging()
@@ -338,6 +346,7 @@ def test_a_driver_that_hangs_does_not_keep_the_last_word(tmp_path: Path, plug: C
     assert line.messages[-1].state is State.STOPPING
 
 
+@pytest.mark.slow
 def test_killed_and_started_again(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """SIGKILL leaves no lock behind: the next one has the port, and its receiver counts a restart, no loss."""
     rng = random.Random(10)
@@ -422,6 +431,7 @@ time.time_ns = lambda: int(time.time() * 1e9)
 """
 
 
+@pytest.mark.slow
 @alone
 def test_a_clock_that_is_set_changes_nothing(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """By years, to and fro: the stream is whole, ages are true, status comes as often as ever."""
@@ -436,6 +446,7 @@ def test_a_clock_that_is_set_changes_nothing(take: Path, tmp_path: Path, plug: C
     assert min(ages_us) > 5_000  # half the exposure, at the very least
 
 
+@pytest.mark.slow
 def test_nothing_asks_for_the_time_of_day() -> None:
     """In all that `run` reaches, C's clocks included: times are of the monotonic clock. Only recordings have a date."""
     asking = re.compile(r"\btime\.time(_ns)?\(|datetime\.now|\butcnow\(|\blocaltime\(|CLOCK_REALTIME")

@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+import pytest
+
 from tests.builders import ROOT
 from tests.builders.imports import RUN, file_of, imports_of, reached_from
 
@@ -145,12 +147,14 @@ def test_the_loops_know_nothing_of_what_calls_them() -> None:
     assert breaches(members("ledpi.kernels."), {"ledpi.decode", "ledpi.pose"}) == []
 
 
+@pytest.mark.slow
 def test_run_reaches_no_workshop_tool() -> None:
     """`run` leads to no calibration, panel design or evaluation. (Other commands stand behind ledpi.cli.)"""
     assert [module for module in RUN if not file_of(module)] == []  # where one is gone, this test must follow
     assert breaches(RUN, WORKSHOP, stop_at="ledpi.cli") == []
 
 
+@pytest.mark.slow
 def test_run_loads_no_workshop_tool() -> None:
     """With all loaded that `run` may ever load, no library has brought scipy or matplotlib in."""
     modules = sorted(reached_from(RUN, stop_at="ledpi.cli"))
@@ -172,6 +176,7 @@ def test_a_breach_two_steps_away_is_seen(tmp_path: Path) -> None:
     assert breaches(["ledpi.a"], {"os"}, tmp_path, stop_at="ledpi.c") == []
 
 
+@pytest.mark.slow
 def test_a_command_computes_on_one_thread() -> None:
     """OpenCV's and BLAS's threads wait for each other longer than these small pictures take."""
     code = "import ledpi.cli, cv2; print(cv2.getNumThreads())"

@@ -95,6 +95,7 @@ def _off_deg(solution: PlanarSolution, quaternion_wxyz: Floats) -> float:
 SLOW = [pytest.param(range(first, first + 50), marks=pytest.mark.slow) for first in range(0, 200, 50)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [range(5), *SLOW])
 def test_after_a_gap_the_mirror_pose_is_not_sent_alone(seeds: range) -> None:
     """The panel's yaw changes its sign meanwhile. Memory then says nothing, and the frames decide."""

@@ -8,6 +8,7 @@ import pytest
 from tests.builders.misleading import behind_an_edge, poses, touched, turning
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("turn_rad_s", "scenes"),
     [
@@ -23,6 +24,7 @@ def test_a_first_frame_knows_no_motion_and_says_so(turn_rad_s: float, scenes: in
     assert np.percentile(nees, 95) < 24
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seeds", "exposure_us"),
     [

@@ -76,6 +76,7 @@ def test_sixteen_cells_in_antiphase_are_half_a_cycle_apart(tmp_path: Path) -> No
         assert abs(int(trace.edges[pin][0] - first["black"][0]) - half * (name == "white")) <= MAX_JITTER
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", [ANTIPHASE, PAIRS[0]])
 def test_sixteen_pins_give_no_more_than_the_chip_may(tmp_path: Path, pair: tuple[float, float]) -> None:
     """One LED on each, as `ledpi panel sheet --direct` has them: no level is short of half a period, from reset on; no
@@ -103,6 +104,7 @@ def test_two_outputs_move_no_other_pin(tmp_path: Path) -> None:
     assert {pin for pin, edges in trace.edges.items() if len(edges)} == {"PB1", "PB2"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", PAIRS)
 def test_sixteen_cells_keep_their_frequencies(tmp_path: Path, pair: tuple[float, float]) -> None:
     """Frequency within 100 ppm, duty 50 ± 0.2 %, edges within 4 µs, on every pin, also where both classes collide."""
@@ -165,6 +167,7 @@ def test_a_new_id_disturbs_nobody_else(tmp_path: Path) -> None:
     assert seen == {("black", "white"), ("white", "black")}
 
 
+@pytest.mark.slow
 def test_a_new_id_may_come_at_any_moment(tmp_path: Path, seven: Path) -> None:
     """Forty changes to and fro, anywhere in the classes' periods: the others' edges hold, no level lasts a period."""
     moments_s = 0.05 + 0.04 * np.arange(40) + np.random.default_rng(5).uniform(0, 0.004, 40)

@@ -79,6 +79,7 @@ def test_twenty_panels_are_read_from_their_drivers_pins(tmp_path: Path) -> None:
         assert np.abs(corners_px - expected.corners_px).max() < UPRIGHT_PX
 
 
+@pytest.mark.slow
 def test_a_grid_of_36_cells_is_read_from_two_pins(tmp_path: Path) -> None:
     """More cells than the chip has pins: the two-output build drives them as two groups."""
     built = program(tmp_path / "two", Build.TWO_OUTPUTS, 11, dictionary="DICT_6X6_50")
@@ -96,6 +97,7 @@ def test_a_grid_of_36_cells_is_read_from_two_pins(tmp_path: Path) -> None:
     assert [[marker["id"] for marker in line["markers"]] for line in decoded(tmp_path / "shown")] == [[11], [11]]
 
 
+@pytest.mark.slow
 def test_antiphase_panels_are_read_from_their_drivers_pins(tmp_path: Path) -> None:
     """By the wiring, and by an ID told over the serial line; at 2.2 m, from one frame each."""
     wired = program(tmp_path / "two", Build.TWO_OUTPUTS, 7, pair=ANTIPHASE)
@@ -118,6 +120,7 @@ def test_antiphase_panels_are_read_from_their_drivers_pins(tmp_path: Path) -> No
     assert read == [[7], [7], [23], [23]]
 
 
+@pytest.mark.slow
 def test_the_panel_of_the_first_hour_is_read_from_its_pins(tmp_path: Path) -> None:
     """12 cm wide, wired as `ledpi panel sheet --direct` says, in antiphase; at a metre, from one frame each."""
     built = program(tmp_path / "direct", Build.SIXTEEN_CELLS, 7, pair=ANTIPHASE)
@@ -149,6 +152,7 @@ def sheet_rows(folder: Path) -> list[list[str]]:
     return [[pin for y, _, pin in sorted(placed, key=lambda p: p[1]) if round(y) == row] for row in rows]
 
 
+@pytest.mark.slow
 def test_swapped_outputs_do_not_show_the_id(tmp_path: Path) -> None:
     """Nothing but the pins tells the ID: black's cells on white's output and the reverse are another word, or none."""
     built = program(tmp_path / "two", Build.TWO_OUTPUTS, 7)

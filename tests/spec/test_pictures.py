@@ -42,6 +42,7 @@ def test_a_page_prints_the_commands_that_make_its_picture(name: str) -> None:
     assert "\n".join(f"    {command}" for command in commands) + "\n" in text
 
 
+@pytest.mark.slow
 def test_a_picture_can_be_made_again(tmp_path: Path) -> None:
     """As large as the one on the page; nothing else is left behind."""
     make(["steps-likelihood.jpg"], tmp_path)

@@ -78,6 +78,7 @@ PIECES = st.one_of(
 )
 
 
+@pytest.mark.slow
 @needs_gcc
 @settings(max_examples=40)
 @given(st.lists(PIECES, max_size=40), st.lists(st.integers(1, 90), min_size=1, max_size=5))
@@ -103,6 +104,7 @@ def test_a_false_packet_would_be_seen() -> None:
     assert len(faults(stream + VECTORS[0].frame, whole)) == 2
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_both_decide_alike_on_what_a_wrong_sender_could_send() -> None:
     """20,000 bodies of random bytes, types, versions and lengths with a right CRC: the same messages and counters."""
@@ -135,6 +137,7 @@ int main(void)
 """
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_what_the_fuzzer_asks_holds_on_seeded_input(tmp_path: Path) -> None:
     """receiver_fuzz.c, which clang's libFuzzer drives, given 5,000 inputs: its promises and gcc's sanitizers."""
@@ -260,6 +263,7 @@ def run(built: Path, tmp_path_factory: pytest.TempPathFactory) -> PinTrace:
     return emulate(built, np.ceil(end_s) + 0.1, work=work, arrivals=[(STARTED_S, full_line())], baud=BAUD)
 
 
+@pytest.mark.slow
 @needs_simavr
 def test_a_full_line_is_received_without_loss(run: PinTrace) -> None:
     """Every packet of 1200 back to back at 115200 baud, from Python's encoder; no byte found its queue full."""

@@ -64,6 +64,7 @@ def missed_or_misread(dictionary: str, ids: list[int], exposure_us: float) -> tu
     return missed, misread
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dictionary", DICTIONARIES)
 def test_no_reflection_of_some_is_read(dictionary: str) -> None:
     """Those that are not another's mirror image are read, beside their reflection."""

@@ -86,6 +86,7 @@ def outcome(folder: Path, *, stream: bool = False) -> Outcome:
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
     [("static/d0.6", 1.0), ("static/d2", 0.75), ("oblique", 0.9), ("linear", 1.0), ("short_exposure", 1.0)],
@@ -98,6 +99,7 @@ def test_single_frames_are_read(shared: Shared, name: str, least: float) -> None
     assert result.wrong == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stream", [False, True])
 def test_decoys_are_not_reported(shared: Shared, stream: bool) -> None:
     """Lamps, windows, PWM lights, dead panels: no marker at all."""
@@ -105,6 +107,7 @@ def test_decoys_are_not_reported(shared: Shared, stream: bool) -> None:
     assert (result.expected, result.read, result.wrong) == (0, 0, [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["drive", "two_panels"])
 def test_streams_are_read(shared: Shared, name: str) -> None:
     """A robot in motion, and two panels at once: nine detections of ten, none wrong."""
@@ -136,6 +139,7 @@ def test_a_moving_robots_pose_is_nearly_as_exact_as_a_resting_ones(shared: Share
     assert np.median(moving) <= max(0.002, 1.5 * np.median([error for errors in resting for error in errors]))
 
 
+@pytest.mark.slow
 @pytest.mark.alone  # a pose that is too old is not sent
 def test_the_daemon_sends_the_drive(shared: Shared) -> None:
     """`ledpi run` on the recorded drive: on the line is the right ID for nine frames of ten, and no other."""

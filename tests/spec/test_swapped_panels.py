@@ -83,6 +83,7 @@ def other(panel: Panel, swap: Swap) -> Panel:
     return replace(panel, codeword=word, marker_id=swap.marker_id, spec=spec, motion=motion, cell_gains=swap.gains)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "exposure_us", "seed", "take"),
     [

@@ -103,6 +103,7 @@ def understated_us(publisher: Publisher, line: Controller, written: list[tuple[i
     return max((at_ns - mid_ns) / 1000 - marker.age_us for at_ns, marker in sent_markers(written).values())
 
 
+@pytest.mark.slow
 def test_a_pause_at_any_line_of_the_publisher_makes_no_age_too_small(
     pauses: Pauses, written: list[tuple[int, bytes]]
 ) -> None:

@@ -67,6 +67,7 @@ def test_the_broker_is_told_everything_and_no_secret(broker: Mqtt, daemon: MadeU
             assert PASSWORD.encode() not in Path(f"/proc/{running.process.pid}/{what}").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [("config", "show"), ("doctor",), ("backup", "robot.ledpi")])
 def test_no_command_shows_the_password(command: tuple[str, ...], broker: Mqtt, folder: Path) -> None:
     """Nor does a backup hold it: the file that has it stays where it is."""
@@ -86,6 +87,7 @@ def test_no_command_shows_the_password(command: tuple[str, ...], broker: Mqtt, f
             assert not any(PASSWORD.encode() in archive.read(name) for name in archive.namelist())
 
 
+@pytest.mark.slow
 def test_a_password_in_the_configuration_is_refused_and_not_quoted(folder: Path) -> None:
     """The key is no key; its value is not shown."""
     said = refusal({"kind": "mqtt", "host": "x", "password": PASSWORD}, folder)
@@ -93,6 +95,7 @@ def test_a_password_in_the_configuration_is_refused_and_not_quoted(folder: Path)
     assert PASSWORD not in said
 
 
+@pytest.mark.slow
 def test_the_last_will_says_that_a_killed_bridge_is_gone(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
     """The broker keeps it for whoever comes later."""
     with bridge(broker.settings, folder / "tap.sock", folder) as running:
@@ -101,6 +104,7 @@ def test_the_last_will_says_that_a_killed_bridge_is_gone(broker: Mqtt, daemon: M
         wait_until(lambda: states(broker)[-1] == "gone")
 
 
+@pytest.mark.slow
 def test_a_daemon_that_was_killed_is_told_of(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
     """By the bridge, which waits for another."""
     with bridge(broker.settings, folder / "tap.sock", folder):
@@ -119,6 +123,7 @@ def refusal(values: dict[str, Any], folder: Path) -> str:
     return done.stderr.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_a_wrong_password_ends_it(broker: Mqtt, folder: Path) -> None:
     """With the keys to look at, and without the password."""
     (folder / "password").write_text("battery-staple\n", encoding="utf-8")
@@ -128,6 +133,7 @@ def test_a_wrong_password_ends_it(broker: Mqtt, folder: Path) -> None:
     assert "battery-staple" not in said
 
 
+@pytest.mark.slow
 def test_a_certificate_of_another_authority_ends_it(broker: Mqtt, folder: Path) -> None:
     """The system's authorities have not signed it."""
     values = dict(broker.settings)
@@ -135,6 +141,7 @@ def test_a_certificate_of_another_authority_ends_it(broker: Mqtt, folder: Path) 
     assert "its certificate is not accepted" in refusal(values, folder)
 
 
+@pytest.mark.slow
 def test_an_ended_certificate_ends_it(folder: Path) -> None:
     """It says that it has expired."""
     far = Secure(folder, "ended.pem")
@@ -148,6 +155,7 @@ def test_an_ended_certificate_ends_it(folder: Path) -> None:
     assert said.endswith("renew it, or see host and ca_file")
 
 
+@pytest.mark.slow
 def test_a_port_without_tls_is_told_of(daemon: MadeUpDaemon, folder: Path) -> None:
     """A plain broker only closes the connection, as one does that is restarted: it is tried again."""
     values, far = Secure(folder).settings, Mqtt(folder)  # which writes its own configuration over the other's
@@ -159,6 +167,7 @@ def test_a_port_without_tls_is_told_of(daemon: MadeUpDaemon, folder: Path) -> No
         far.close()
 
 
+@pytest.mark.slow
 def test_a_name_that_is_not_in_the_certificate_ends_it(folder: Path) -> None:
     """It is said which name was asked for."""
     far = Secure(folder, "other.pem")
@@ -172,6 +181,7 @@ def test_a_name_that_is_not_in_the_certificate_ends_it(folder: Path) -> None:
     assert said.endswith("renew it, or see host and ca_file")
 
 
+@pytest.mark.slow
 def test_a_certificate_that_signs_itself_ends_it_until_it_is_the_ca_file(daemon: MadeUpDaemon, folder: Path) -> None:
     """As a small broker has it."""
     far = Secure(folder, "self.pem")
@@ -195,6 +205,7 @@ ANSWERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ANSWERS)
 def test_who_is_no_broker_is_told_of_and_tried_again(what: str, folder: Path) -> None:
     """Each as what it is, in one line; it may be that the right one is started later."""
@@ -232,6 +243,7 @@ def answering(data: bytes | None) -> Iterator[int]:
         connection.close()
 
 
+@pytest.mark.slow
 def test_a_wrong_host_is_tried_again_and_told_once(daemon: MadeUpDaemon, folder: Path) -> None:
     """It may be that the network is not yet there."""
     values = {"kind": "mqtt", "host": "no-such-host.invalid"}
@@ -242,6 +254,7 @@ def test_a_wrong_host_is_tried_again_and_told_once(daemon: MadeUpDaemon, folder:
     assert counters["sent"] == 0
 
 
+@pytest.mark.slow
 def test_a_missing_package_is_named_with_its_extra(folder: Path) -> None:
     """As where only `pip install ledpi` was done."""
     hidden = "import sys; sys.modules['paho'] = None; from ledpi.cli import main; main()"

@@ -60,6 +60,7 @@ time.sleep(1e6)
 )
 
 
+@pytest.mark.slow
 def test_a_tool_finds_every_topic_by_what_the_bridge_tells_of_itself(tmp_path: Path) -> None:
     """As `ros2 topic list` does: by liveliness tokens, with ROS 2's own types, their hashes and the node's name."""
     port, wanted = free_port(), {"/tf", "/ledpi/panel_7", "/diagnostics"}
@@ -95,6 +96,7 @@ def drive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return driven(tmp_path_factory.mktemp("drive"), frames, of_recording=min(frames, 588))
 
 
+@pytest.mark.slow
 def test_a_node_hears_of_each_frame_that_the_bridge_has_sent(drive: Drive) -> None:
     """None is lost on the way; what is not sent, as newer ones came before its turn, is counted."""
     counters, first = drive.counters, drive.reached[0]["seq"]  # before it, the bridge had not yet found the daemon

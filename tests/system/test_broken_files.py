@@ -88,6 +88,7 @@ KEYS = sorted((section, key) for section, keys in SOUND.items() if isinstance(ke
 EIGHTY = settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
+@pytest.mark.slow
 @EIGHTY
 @given(st.dictionaries(st.sampled_from(KEYS), VALUES, min_size=1, max_size=3))
 def test_any_value_is_taken_or_refused_in_one_line(tmp_path: Path, values: dict[tuple[str, str], object]) -> None:
@@ -121,6 +122,7 @@ def with_others(document: Any, data: st.DataObject) -> Any:
     return document
 
 
+@pytest.mark.slow
 @EIGHTY
 @given(st.data())
 def test_any_value_in_a_map_is_taken_or_refused_in_one_line(tmp_path: Path, data: st.DataObject) -> None:
@@ -160,6 +162,7 @@ def test_any_value_in_a_recording_is_taken_or_refused_in_one_line(sound_take: Pa
         file.write_text(sound, encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl"])
 def test_a_damaged_recording_is_refused_in_one_line(tmp_path: Path, name: str) -> None:
     """A hundred of each file."""
@@ -211,6 +214,7 @@ def eight_refused(file: Path, read: Callable[[Path], object], place: Path) -> It
 SIDE = ["--set", "panels.side_m=0.16"]
 
 
+@pytest.mark.slow
 def test_every_command_refuses_a_configuration(
     tmp_path: Path, sound_take: Path, complaint: Callable[[list[str]], str]
 ) -> None:
@@ -225,6 +229,7 @@ def test_every_command_refuses_a_configuration(
             assert str(file) in complaint([name, *with_it, str(sound_take)])
 
 
+@pytest.mark.slow
 def test_every_command_refuses_a_map(tmp_path: Path, sound_take: Path, complaint: Callable[[list[str]], str]) -> None:
     """With status 2 and one line that names it."""
     file = tmp_path / "markers.yaml"
@@ -235,6 +240,7 @@ def test_every_command_refuses_a_map(tmp_path: Path, sound_take: Path, complaint
         assert str(file) in complaint(["decode", *with_it, str(sound_take)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl"])
 def test_every_command_refuses_a_recording(
     tmp_path: Path, sound_take: Path, complaint: Callable[[list[str]], str], name: str

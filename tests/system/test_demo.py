@@ -118,6 +118,7 @@ def run(out: Path, mark: str, *options: str) -> subprocess.CompletedProcess[str]
     )
 
 
+@pytest.mark.slow
 @alone
 def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
     """Daemon, serial line, monitor: poses beside the truth, a picture, one line of summary, and nothing left behind."""
@@ -160,6 +161,7 @@ def test_a_computer_that_is_too_slow_is_reported(
     assert "no pose arrived: this computer is busy, or too slow" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_daemon_that_fails_is_reported(
     demo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -44,6 +44,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_decode_tells_where_the_robot_is(take: Path) -> None:
     """At the map's origin, to 1 cm and within what it says of itself; from the panels of the map."""
     done = ledpi("decode", "--set", "map=markers.yaml", "rec", cwd=take)
@@ -60,6 +61,7 @@ def test_decode_tells_where_the_robot_is(take: Path) -> None:
     assert (deviations[:3] < 0.05).all()
 
 
+@pytest.mark.slow
 def test_without_a_map_there_is_no_fix(take: Path) -> None:
     """And nothing is rejected for it."""
     done = ledpi("decode", "rec", cwd=take)
@@ -68,6 +70,7 @@ def test_without_a_map_there_is_no_fix(take: Path) -> None:
     assert not any(key.startswith("fix.") for key in last["rejected"])
 
 
+@pytest.mark.slow
 def test_a_bad_map_is_reported_in_one_line(take: Path) -> None:
     """Before anything is decoded."""
     (take / "bad.yaml").write_text("panels: {7: {position_m: [0, 0, 0], quaternion_wxyz: [0, 0, 0, 0]}}")

@@ -31,6 +31,7 @@ def refused(folder: Path, *arguments: object, has_kb: int = 400, full_kb: int = 
     return done.stderr.splitlines()[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.mcap", "a.wpilog"])
 def test_an_export_finds_no_room(take: Path, tmp_path: Path, name: str) -> None:
     """Nothing is left of it, so that it may be tried again."""
@@ -43,6 +44,7 @@ def test_an_export_finds_no_room(take: Path, tmp_path: Path, name: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_an_import_finds_no_room(take: Path, tmp_path: Path) -> None:
     """A bag of ours, whose pictures become files of their own."""
     pytest.importorskip("mcap")
@@ -53,6 +55,7 @@ def test_an_import_finds_no_room(take: Path, tmp_path: Path) -> None:
     assert re.fullmatch(rf"ledpi: {out}/frames/\d+\.png: cannot be written: {SAID}", said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["take", "a.mcap"])
 def test_a_recording_finds_no_room(tmp_path: Path, name: str) -> None:
     """Frames until then stay, and are told."""
@@ -64,6 +67,7 @@ def test_a_recording_finds_no_room(tmp_path: Path, name: str) -> None:
     assert re.search(rf"^{out}: \d+ frames?, ", done.stdout)
 
 
+@pytest.mark.slow
 def test_a_backup_finds_no_room(tmp_path: Path) -> None:
     """And a calibration, which is written in the same way."""
     config, out = tmp_path / "config.yaml", tmp_path / "disk/robot.ledpi"

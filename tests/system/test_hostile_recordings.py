@@ -75,6 +75,7 @@ def too_large(file: Path) -> None:
     os.truncate(file, 2**40)  # without taking any room
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "make"),
     [
@@ -94,6 +95,7 @@ def test_a_file_that_never_ends_is_refused(take: Path, name: str, make: Callable
     assert f"{take / name}: " in complaint
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [a_pipe, a_device, too_large])
 def test_a_picture_that_never_ends_is_named_and_the_others_are_decoded(
     take: Path, make: Callable[[Path], None]
@@ -115,6 +117,7 @@ HEADERS: dict[str, tuple[dict[str, object], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("changes", "message"), HEADERS.values(), ids=HEADERS)
 def test_a_header_beyond_physics_is_refused(take: Path, changes: dict[str, object], message: str) -> None:
     """Else its values ask for gigabytes, or end in an error of numpy's."""
@@ -128,6 +131,7 @@ def test_a_header_beyond_physics_is_refused(take: Path, changes: dict[str, objec
     assert message in complaint
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["panels.black_hz", "panels.overrides.7.black_hz"])
 def test_values_given_in_place_of_its_own_have_the_same_bounds(take: Path, key: str) -> None:
     """A frequency that the configuration's rows would show, and the recording's do not."""
@@ -139,6 +143,7 @@ def test_values_given_in_place_of_its_own_have_the_same_bounds(take: Path, key: 
     assert "panels: 10 Hz is too slow" in complaint
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["&a [x]\nb: &b [*a, *a, *a]\nc: [*b, *b, *b]", "[" * 99_999, "0x" + "9" * 9999])
 def test_a_header_that_stands_for_more_than_it_is_is_refused(take: Path, text: str) -> None:
     """Aliases of aliases, lists in lists, a number of more digits than Python writes."""
@@ -149,6 +154,7 @@ def test_a_header_that_stands_for_more_than_it_is_is_refused(take: Path, text: s
     assert f"{take}/recording.yaml: " in complaint
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text", ["\n" * 2**24, "[" + "[]," * 9**6 + "[]]\n", '{"seq": 0}\n' * 2**22, '{"seq": ' + "9" * 10**5]
 )
@@ -171,6 +177,7 @@ def huge_png() -> bytes:
     return bytes(cv2.imencode(".png", np.zeros((SIDE, SIDE), np.uint8))[1].tobytes())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before", [b"", chunk(b"tEXt", b"a\0b")], ids=["first", "after another chunk"])
 def test_a_huge_picture_in_a_recording_is_not_decoded(take: Path, before: bytes) -> None:
     """Its header tells its size, which must be the recording's, and stands first."""
@@ -181,6 +188,7 @@ def test_a_huge_picture_in_a_recording_is_not_decoded(take: Path, before: bytes)
     assert "000001.png: " in complaint
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".png", ".jpg", ".tif"])
 def test_a_huge_picture_alone_is_not_decoded(tmp_path: Path, ending: str) -> None:
     """Tries any format that OpenCV reads."""
@@ -191,6 +199,7 @@ def test_a_huge_picture_alone_is_not_decoded(tmp_path: Path, ending: str) -> Non
     assert f"{picture}: cannot be read as a picture of 8 or 16 bits; must be 640 × 480" in complaint
 
 
+@pytest.mark.slow
 def test_the_largest_picture_is_decoded(take: Path) -> None:
     """Within the same bounds; it shows the panel."""
     header = (take / "recording.yaml").read_text()

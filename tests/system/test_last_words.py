@@ -64,6 +64,7 @@ def ended(tmp_path: Path, before: str) -> Ended:
         return end(process)
 
 
+@pytest.mark.slow
 def test_a_fault_while_a_frame_takes_long_is_one_line(tmp_path: Path) -> None:
     """Status 1; nobody waits for the frame, and C++ does not abort the process because of the thread that is in it."""
     done = ended(tmp_path, SLOW_FRAME + FAILS.format(error='OSError(5, "Input/output error")'))
@@ -72,6 +73,7 @@ def test_a_fault_while_a_frame_takes_long_is_one_line(tmp_path: Path) -> None:
     assert not any("Traceback" in line for line in done.log)
 
 
+@pytest.mark.slow
 def test_a_mistake_of_ours_while_a_frame_takes_long_is_told_whole(tmp_path: Path) -> None:
     """Status 1 and its traceback, which only whoever mends it needs."""
     done = ended(tmp_path, SLOW_FRAME + FAILS.format(error='KeyError("of ours")'))
@@ -79,6 +81,7 @@ def test_a_mistake_of_ours_while_a_frame_takes_long_is_told_whole(tmp_path: Path
     assert done.log[-1] == "KeyError: 'of ours'"
 
 
+@pytest.mark.slow
 def test_where_no_thread_is_left_it_is_one_line(tmp_path: Path) -> None:
     """Status 1, so that another is started; with what would help."""
     done = ended(tmp_path, NO_THREAD)
@@ -112,6 +115,7 @@ def after(line: Controller, frames: int) -> Callable[[Controller], bool]:
     return lambda line: line.statuses[-1][1].frames > then
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frozen", [False, True])
 def test_a_picture_that_comes_again_is_no_news(frozen: bool, tmp_path: Path) -> None:
     """A camera that hangs and says otherwise: no pose is sent of what it showed before, and the journal counts why."""

@@ -97,6 +97,7 @@ class Pulled(OtherCamera):
         return self._camera.read(into)
 
 
+@pytest.mark.slow
 @alone
 def test_a_slow_decoder_is_behind_and_no_camera_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each frame takes 0.4 s: no pose is new enough to be sent, and the controller hears why."""
@@ -120,6 +121,7 @@ def test_a_slow_decoder_is_behind_and_no_camera_is_lost(monkeypatch: pytest.Monk
     assert {status.panels_in_view for _, status in line.statuses[first:-1]} == {None}
 
 
+@pytest.mark.slow
 @alone
 def test_a_process_that_was_held_up_has_lost_no_camera() -> None:
     """Stopped for half a second, twice: the clock has gone on, and the camera was there all the time."""

@@ -58,6 +58,7 @@ def refusing(module: str, *names: str, code: int, after: int = 3) -> list[str]:
     return [*COMMAND[:2], REFUSE.format(module=module, names=names, code=code, after=after) + COMMAND[2], *COMMAND[3:]]
 
 
+@pytest.mark.slow
 @each_refusal
 def test_refused_to_the_decoder_it_ends_with_status_1(code: int) -> None:
     """The worker and the reason are named, and not standard output; the controller gets its last word."""
@@ -70,6 +71,7 @@ def test_refused_to_the_decoder_it_ends_with_status_1(code: int) -> None:
     assert line.statuses[-1][1].state is State.STOPPING
 
 
+@pytest.mark.slow
 def test_refused_to_the_main_thread_it_ends_with_status_1() -> None:
     """It has no part of its own that could be begun anew."""
     command = refusing("ledpi.runtime.daemon", "read_processor", code=errno.EMFILE, after=2)
@@ -115,6 +117,7 @@ class Device:
         pass
 
 
+@pytest.mark.slow
 def test_a_v4l2_node_that_vanishes_is_used_again_when_it_is_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -65,6 +65,7 @@ def test_between_any_two_system_calls_the_file_is_whole(name: str, place: Path, 
     assert {"write", "fsync", "rename"} <= {call for call, _ in calls}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CHANGES)
 def test_what_the_disk_has_not_been_told_to_keep_is_not_needed(name: str, place: Path, tmp_path: Path) -> None:
     """After each call all bytes and names may be gone that were not synchronised: a whole file has the name still."""
@@ -77,6 +78,7 @@ def test_what_the_disk_has_not_been_told_to_keep_is_not_needed(name: str, place:
     assert disk.after_cut() == [{name: True, f"{name}.bak-1": True}]
 
 
+@pytest.mark.slow
 def test_a_take_has_a_whole_header_or_none(place: Path, tmp_path: Path) -> None:
     """So that a recording that is there can be read; its pictures are another matter."""
     with writer(*TAKE, place, tmp_path / "trace") as process:

@@ -148,6 +148,7 @@ def put(file: Path, make: Callable[[Path], object]) -> None:
     make(file)
 
 
+@pytest.mark.slow
 def test_bad_files_change_nothing(tmp_path: Path) -> None:
     """One after the other, the configuration itself and what it names: same threads, same descriptors, same stream."""
     write_recording(tmp_path / "take", 3, calibrated=False)
@@ -186,6 +187,7 @@ def test_reloads_leave_nothing_behind(tmp_path: Path) -> None:
     assert held[-1][2] < held[5][2] + 30_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "config",
     [
@@ -265,6 +267,7 @@ OTHER = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "camera_stays", "port_stays"),
     [("nothing", 1, 1), ("panels", 0, 1), ("age", 1, 1), ("camera", 0, 1), ("baud", 1, 0)],
@@ -317,6 +320,7 @@ class Counted(OtherCamera):
         super().close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "opened"),
     [
@@ -372,6 +376,7 @@ def test_a_camera_that_hangs_is_opened_again() -> None:
     assert all(camera.closed for camera in Counted.opened)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "said"),
     [(RuntimeError("library"), "RuntimeError: library"), (OSError(24, "full"), "OSError: [Errno 24] full")],

@@ -80,6 +80,7 @@ def has_seen(line: Controller, markers: int) -> None:
     line.wait_for(lambda c: len(c.markers) >= markers)
 
 
+@pytest.mark.slow
 @AS_LIVE
 def test_sigusr1_saves_what_was_live(takes: Path) -> None:
     """Twice: the first decodes as it did live from its first frame on, as the daemon had; the second after a second."""
@@ -101,6 +102,7 @@ def test_sigusr1_saves_what_was_live(takes: Path) -> None:
     assert None not in budgets
 
 
+@pytest.mark.slow
 @AS_LIVE
 def test_a_daemon_that_is_killed_leaves_a_recording(takes: Path) -> None:
     """Decodes what is written by then as it did live; its name says that it is a part."""
@@ -115,6 +117,7 @@ def test_a_daemon_that_is_killed_leaves_a_recording(takes: Path) -> None:
     assert differences(part) == []
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_reported_and_the_daemon_goes_on(takes: Path) -> None:
     """The kernel refuses the first picture; poses go on, and the next recording, with room again, is whole."""
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
@@ -149,6 +152,7 @@ daemon.Observers = scant
 """
 
 
+@pytest.mark.slow
 def test_where_the_system_has_no_memory_for_it_poses_go_on(takes: Path) -> None:
     """The journal says that nothing is kept; who asks for it hears so."""
     command = [*COMMAND[:2], SCANT + COMMAND[2], *COMMAND[3:]]
@@ -164,6 +168,7 @@ def test_where_the_system_has_no_memory_for_it_poses_go_on(takes: Path) -> None:
     assert not takes.exists()
 
 
+@pytest.mark.slow
 @AS_LIVE
 def test_ledpi_rewind_asks_the_running_daemon(takes: Path, tmp_path: Path) -> None:
     """It copies the recording, or says where it is; a folder that holds something is refused before that."""
@@ -185,6 +190,7 @@ def test_ledpi_rewind_asks_the_running_daemon(takes: Path, tmp_path: Path) -> No
     assert "no running daemon answers" in gone.stderr
 
 
+@pytest.mark.slow
 def test_with_0_seconds_nothing_is_kept(takes: Path, tmp_path: Path) -> None:
     """No memory, no thread; who asks is told so, by the journal or by the tap."""
     socket, settings = tmp_path / "tap", ("rewind.seconds=0", f"tap.socket={tmp_path / 'tap'}")
@@ -338,6 +344,7 @@ def test_what_does_not_fit_is_reported(drive: Stream, takes: Path, caplog: pytes
     assert "wanted=10 memory_mb=20" in told
 
 
+@pytest.mark.slow
 def test_memory_grows_by_no_more_than_its_budget(takes: Path) -> None:
     """A daemon with 4 MB for it, full and saved once, against one without, in the same run: 10 MB more at most."""
     sizes = {}

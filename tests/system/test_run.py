@@ -160,6 +160,7 @@ def test_a_line_each_second_says_how_it_goes(drive: Run) -> None:
 # ---- The port
 
 
+@pytest.mark.slow
 def test_an_absent_port_is_waited_for(tmp_path: Path) -> None:
     """It starts without; the health line says so. Once the port is there, packets come. Ctrl-C ends it as well."""
     port = tmp_path / "controller"
@@ -183,6 +184,7 @@ def test_an_absent_port_is_waited_for(tmp_path: Path) -> None:
     assert last.state is State.STOPPING
 
 
+@pytest.mark.slow
 def test_a_pose_older_than_allowed_is_never_sent() -> None:
     """A frame is 10 ms old before it can be decoded: where 8 ms are allowed, only the heartbeat is sent."""
     with controller() as line:
@@ -216,6 +218,7 @@ def test_a_bad_frame_is_counted_and_skipped(tmp_path: Path) -> None:
     assert "capture.truncated 1" in ended.log[-1]
 
 
+@pytest.mark.slow
 @alone
 def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
     """Paced, as the sensor delivered it: the ID, and a pose by the recording's own lens and panel size."""
@@ -231,6 +234,7 @@ def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
             np.testing.assert_allclose(marker.pose.position_m, [0, 0, 1], atol=0.02)
 
 
+@pytest.mark.slow
 @alone
 def test_without_a_lens_ids_are_sent_flagged_uncalibrated(tmp_path: Path) -> None:
     """No poses; the heartbeat and a warning say why."""
@@ -261,6 +265,7 @@ def test_a_short_soak(tmp_path: Path) -> None:
     assert "0 dropped, 300 decoded" in done.stdout
 
 
+@pytest.mark.slow
 @alone
 def test_a_pose_leaves_once_it_is_decoded() -> None:
     """Frame ready → first byte takes no longer than decoding and 1 ms; of a busy machine the quicker quarter counts.
@@ -272,6 +277,7 @@ def test_a_pose_leaves_once_it_is_decoded() -> None:
     assert latency.p25 <= slowness() * (latency.decode_p50 + 1.0)
 
 
+@pytest.mark.slow
 def test_the_helps_example_runs_without_a_configuration(tmp_path: Path) -> None:
     """In any folder: the simulator's panels are its own, and the port may come later."""
     given = ["--set", "camera.source=simulated", "--set", f"serial.port={tmp_path / 'robot'}", "--frames", "3"]

@@ -85,6 +85,7 @@ def test_a_lost_camera_is_given_up_before_the_watchdog_bites() -> None:
 # ---- A configuration that changes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
@@ -156,6 +157,7 @@ settings.find_config = find_config
 """
 
 
+@pytest.mark.slow
 def test_a_signal_that_comes_too_soon_is_not_the_end() -> None:
     """Reloads it once it runs: of SIGHUP systemd would think that somebody wished it."""
     for name, starts in (("SIGHUP", 2), ("SIGUSR1", 1)):
@@ -170,6 +172,7 @@ def test_a_signal_that_comes_too_soon_is_not_the_end() -> None:
             assert end(process).status == 0
 
 
+@pytest.mark.slow
 def test_a_ctrl_c_that_comes_too_soon_is_the_end() -> None:
     """Though it falls where an exception would be lost."""
     command = [*COMMAND[:2], TOO_SOON.format(name="SIGINT") + COMMAND[2], *COMMAND[3:]]
@@ -177,6 +180,7 @@ def test_a_ctrl_c_that_comes_too_soon_is_the_end() -> None:
         assert end(process).status == 130
 
 
+@pytest.mark.slow
 def test_a_reload_does_not_starve_the_watchdog(
     tmp_path: Path, manager: Callable[[], str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

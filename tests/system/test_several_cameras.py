@@ -58,6 +58,7 @@ def both(folders: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPat
         yield taps
 
 
+@pytest.mark.slow
 def test_taps_and_takes_are_apart(both: dict[str, Path], tmp_path: Path) -> None:
     """Each client gets its own camera; each save lies in its own folder."""
     pids = set()
@@ -71,6 +72,7 @@ def test_taps_and_takes_are_apart(both: dict[str, Path], tmp_path: Path) -> None
     assert len(pids) == 2
 
 
+@pytest.mark.slow
 def test_both_pages_are_open_at_a_time(both: dict[str, Path]) -> None:
     """Each shows its own camera."""
     with ExitStack() as stack:
@@ -85,6 +87,7 @@ def test_both_pages_are_open_at_a_time(both: dict[str, Path]) -> None:
             assert shown(port, found[1])["panels"]["side_m"] == SIDES_M[name]
 
 
+@pytest.mark.slow
 def test_a_bridge_sends_nothing_of_another_cameras_daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two are started by hand, and the second one's tap is off: its poses would be the first one's."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))

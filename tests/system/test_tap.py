@@ -113,6 +113,7 @@ def test_the_configuration_says_what_the_command_line_gave(running: Path) -> Non
 # ---- Its life
 
 
+@pytest.mark.slow
 def test_a_reload_keeps_the_connection_and_says_hello_again(tmp_path: Path) -> None:
     """The new daemon's camera is in it."""
     config, path = tmp_path / "config.yaml", tmp_path / "tap.sock"
@@ -132,6 +133,7 @@ def test_a_reload_keeps_the_connection_and_says_hello_again(tmp_path: Path) -> N
     assert not path.exists()
 
 
+@pytest.mark.slow
 def test_a_reload_may_move_the_socket(tmp_path: Path) -> None:
     """The old one is gone when the new one answers; a place that cannot be leaves all as it was."""
     config, places = tmp_path / "config.yaml", [tmp_path / f"{name}.sock" for name in ("first", "second")]
@@ -155,6 +157,7 @@ def test_a_reload_may_move_the_socket(tmp_path: Path) -> None:
     assert (tmp_path / "mine").read_text(encoding="utf-8") == "mine"
 
 
+@pytest.mark.slow
 def test_a_reload_makes_a_socket_that_was_cleared_away_again(tmp_path: Path) -> None:
     """As by what clears /tmp now and then: nobody could reach the daemon any more."""
     config, path = tmp_path / "config.yaml", tmp_path / "tap.sock"
@@ -169,6 +172,7 @@ def test_a_reload_makes_a_socket_that_was_cleared_away_again(tmp_path: Path) -> 
     assert not path.exists()
 
 
+@pytest.mark.slow
 def test_a_killed_daemon_is_followed_again_when_it_is_back(tmp_path: Path) -> None:
     """Finds no obstacle in what it left of its socket, and its client says that it was gone."""
     path = tmp_path / "tap.sock"
@@ -187,6 +191,7 @@ def test_a_killed_daemon_is_followed_again_when_it_is_back(tmp_path: Path) -> No
     assert first["pid"] != again["pid"]
 
 
+@pytest.mark.slow
 def test_a_path_that_is_somebodys_file_is_refused(tmp_path: Path) -> None:
     """One line, exit status 2, and the file as it was."""
     path = tmp_path / "notes"
@@ -198,6 +203,7 @@ def test_a_path_that_is_somebodys_file_is_refused(tmp_path: Path) -> None:
     assert path.read_text(encoding="utf-8") == "mine"
 
 
+@pytest.mark.slow
 def test_where_auto_finds_no_place_the_daemon_runs_without(tmp_path: Path) -> None:
     """The poses matter more; it says so once."""
     (tmp_path / "ledpi").write_text("in the way", encoding="utf-8")
@@ -209,6 +215,7 @@ def test_where_auto_finds_no_place_the_daemon_runs_without(tmp_path: Path) -> No
     assert len([line for line in ended.log if "WARNING tap_off" in line]) == 1
 
 
+@pytest.mark.slow
 def test_without_a_tap_there_is_none(tmp_path: Path) -> None:
     """null."""
     with pytest.MonkeyPatch.context() as patch:
@@ -234,6 +241,7 @@ def test_monitor_shows_a_line_for_each_panel(running: Path) -> None:
     assert "no port" in done.stdout
 
 
+@pytest.mark.slow
 def test_monitor_prints_a_line_a_second_into_a_pipe(running: Path) -> None:
     """Prints what it sees, why there is no fix, and how the daemon is; the table comes at the end."""
     done = ledpi("monitor", "--tap", str(running), "--seconds", "4")
@@ -242,6 +250,7 @@ def test_monitor_prints_a_line_a_second_into_a_pipe(running: Path) -> None:
     assert re.search(r"\| (running|camera lost)", lines[-1])  # a busy machine's camera may be late for a moment
 
 
+@pytest.mark.slow
 def test_monitor_prints_lines_as_they_are(running: Path) -> None:
     """With their times and numbers, the hello first."""
     done = ledpi("monitor", "--json", "--tap", str(running), "--seconds", "1.5")
@@ -263,6 +272,7 @@ def test_monitor_without_a_daemon_says_so(
         assert "start `ledpi run`" in said
 
 
+@pytest.mark.slow
 def test_snapshot_takes_the_daemons_frame_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without PATH; it needs no configuration of its own."""
     (tmp_path / "run").mkdir()
@@ -274,6 +284,7 @@ def test_snapshot_takes_the_daemons_frame_and_says_so(tmp_path: Path, monkeypatc
         assert (tmp_path / "x.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_snapshot_has_the_daemons_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Which panels there are, and of what size: a panel of half the side hangs at half the distance.
 
@@ -296,6 +307,7 @@ def test_snapshot_has_the_daemons_settings(tmp_path: Path, monkeypatch: pytest.M
     assert float(said[1]) == pytest.approx(0.5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_snapshot_of_the_camera_itself_asks_no_daemon(
     running: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -362,6 +374,7 @@ def test_the_page_names_every_key(running: Path) -> None:
     assert keys - named == set()
 
 
+@pytest.mark.slow
 def test_fifty_clients_follow_at_once(running: Path) -> None:
     """Each gets its frames."""
     clients = [Raw(running) for _ in range(50)]

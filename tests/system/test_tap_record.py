@@ -73,6 +73,7 @@ def some_frames(lines: Lines, count: int) -> None:
         until(lines, "decoded")
 
 
+@pytest.mark.slow
 @pytest.mark.alone  # where others take the processor, live searches less than is needed to find a panel
 @pytest.mark.parametrize("settings", [(), (OFF,)])
 def test_two_seconds_are_recorded_as_the_tap_told_them(takes: Path, tmp_path: Path, settings: tuple[str, ...]) -> None:
@@ -125,6 +126,7 @@ def test_record_stop_ends_it_and_a_second_one_is_refused(takes: Path, tmp_path: 
     assert answer["frames"] > 5
 
 
+@pytest.mark.slow
 def test_a_take_is_read_and_deleted_through_the_tap(takes: Path, tmp_path: Path) -> None:
     """Piece by piece as a tar file, which is the take; while it is being recorded neither is possible."""
     path = tmp_path / "tap.sock"
@@ -154,6 +156,7 @@ def test_a_take_is_read_and_deleted_through_the_tap(takes: Path, tmp_path: Path)
     assert recorded(takes) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
 def test_the_daemons_end_makes_it_whole(takes: Path, tmp_path: Path, how: signal.Signals) -> None:
     """Also where another one begins, of a new configuration; who asked hears of it."""
@@ -174,6 +177,7 @@ def test_the_daemons_end_makes_it_whole(takes: Path, tmp_path: Path, how: signal
     assert len(decoded_again(Path(answer["path"]))) == answer["frames"]
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_is_told(takes: Path, tmp_path: Path) -> None:
     """With where the frames until then are; the daemon goes on, and with room again records again."""
     path, free = tmp_path / "tap.sock", (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
@@ -203,6 +207,7 @@ def test_a_disk_that_fills_up_is_told(takes: Path, tmp_path: Path) -> None:
     assert sum("record_failed" in line for line in ended.log) == 1
 
 
+@pytest.mark.slow
 def test_the_page_starts_and_stops_it(takes: Path, tmp_path: Path) -> None:
     """Its button tells whether a recording runs, and where it is once it is stopped."""
     path = tmp_path / "tap.sock"

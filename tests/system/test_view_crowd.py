@@ -35,6 +35,7 @@ def page(tmp_path: Path) -> Iterator[Page]:
     daemon.close()
 
 
+@pytest.mark.slow
 def test_many_viewers_take_little_memory(page: Page) -> None:
     """Fifty of all kinds of pictures: 45 MB more at most. Each thread with memory of its own took 70, and 120 later."""
     before_mb = page.resident_mb
@@ -88,6 +89,7 @@ def test_another_user_of_the_machine_gets_no_picture(page: Page, tmp_path: Path)
     assert tap == "refused"
 
 
+@pytest.mark.slow
 def test_a_crowd_that_asks_for_nothing_keeps_nobody_out(page: Page) -> None:
     """Sixty connections of one address drip: one of another is answered nearly as soon as if they were not there."""
     alone_s, dripping = answered_s(page), []

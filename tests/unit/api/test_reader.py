@@ -227,6 +227,7 @@ def test_a_part_of_a_wider_array_is_a_picture(near: Pixels) -> None:
     assert marker.id == 7
 
 
+@pytest.mark.slow
 def test_pictures_turned_by_180_degrees_are_read_from_below() -> None:
     """A camera that is mounted upside down: a far panel is read as in the pictures that were not turned."""
     taken = pictures(12, distance_m=3.5)

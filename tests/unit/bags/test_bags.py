@@ -92,6 +92,7 @@ def exposed_ns(line: dict[str, Any], row: float) -> int:
 # ---- What others read in ours
 
 
+@pytest.mark.slow
 def test_mcap_ros2_support_finds_every_pose(bag: Path, wanted: dict[int, dict[str, Any]]) -> None:
     """Another author's CDR: poses and covariances as `ledpi decode` gives them, at the panel's own time."""
     found = decoded(bag, "/ledpi/panel_7")
@@ -141,6 +142,7 @@ def test_rosbags_reads_pictures_lens_and_transforms(bag: Path, take: Path, tmp_p
 # ---- And back
 
 
+@pytest.mark.slow
 def test_a_recording_comes_back_as_it_was(bag: Path, take: Path, tmp_path: Path) -> None:
     """Every file of it, to the byte."""
     done = ledpi("import", bag, tmp_path / "back")
@@ -150,6 +152,7 @@ def test_a_recording_comes_back_as_it_was(bag: Path, take: Path, tmp_path: Path)
     assert filecmp.cmpfiles(take, tmp_path / "back", names, shallow=False) == (names, [], [])
 
 
+@pytest.mark.slow
 def test_a_bag_that_is_cut_off_is_read_up_to_there(bag: Path, tmp_path: Path) -> None:
     """As after a power failure: one line says so."""
     cut = tmp_path / "cut.mcap"
@@ -195,6 +198,7 @@ def foreign_bag(folder: Path, take: Path, *, encoding: str = "mono8", info: bool
     return folder
 
 
+@pytest.mark.slow
 def test_a_bag_of_a_mono_camera_becomes_a_recording(take: Path, tmp_path: Path) -> None:
     """With its lens; row time and exposure are given. It decodes as the same pictures did."""
     bag = foreign_bag(tmp_path / "foreign", take)
@@ -217,6 +221,7 @@ def refused(run: Run, *arguments: object) -> str:
     return line
 
 
+@pytest.mark.slow
 def test_what_a_bag_cannot_give_is_one_line(take: Path, tmp_path: Path, run: Run) -> None:
     """A mosaic of colours, several cameras, no row time, no such topic, no bag at all."""
     mosaic = foreign_bag(tmp_path / "mosaic", take, encoding="bayer_rggb8")
@@ -402,6 +407,7 @@ def test_a_bag_whose_checksum_is_wrong_is_read_up_to_there(bag: Path, tmp_path: 
     assert 0 < len(load_recording(tmp_path / "out").frames) < FRAMES
 
 
+@pytest.mark.slow
 def test_a_video_that_is_cut_off_or_none_is_one_line(tmp_path: Path, run: Run) -> None:
     """FFmpeg's own words are not shown; a video of a single frame is one."""
     clip = tmp_path / "clip.mp4"
@@ -418,6 +424,7 @@ def test_a_video_that_is_cut_off_or_none_is_one_line(tmp_path: Path, run: Run) -
     assert refused(run, tmp_path / "empty.mcap", tmp_path / "x").endswith("is no MCAP file (it ends at once)")
 
 
+@pytest.mark.slow
 def test_a_bag_without_camera_info_gives_a_recording_without_a_lens(take: Path, tmp_path: Path) -> None:
     """And one line that says so."""
     bag = foreign_bag(tmp_path / "foreign", take, info=False)
@@ -427,6 +434,7 @@ def test_a_bag_without_camera_info_gives_a_recording_without_a_lens(take: Path, 
     assert load_recording(tmp_path / "back").camera.intrinsics is None
 
 
+@pytest.mark.slow
 def test_a_video_becomes_a_recording(take: Path, tmp_path: Path) -> None:
     """Its pictures in grey, at the video's own times."""
     clip = tmp_path / "clip.avi"
@@ -494,6 +502,7 @@ def most_memory_kb(bag: Path, out: Path) -> int:
     return used.ru_maxrss
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_bag(take: Path, tmp_path: Path) -> None:
     """150 MB of it, where a small one is as long as two pictures."""
     used_kb = []
@@ -504,6 +513,7 @@ def test_memory_does_not_grow_with_the_bag(take: Path, tmp_path: Path) -> None:
     assert used_kb[1] < used_kb[0] + 20_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("whose", ["ours", "another's"])
 def test_a_disk_that_fills_up_while_a_bag_is_read_is_one_line(
     bag: Path, take: Path, tmp_path: Path, whose: str
@@ -527,6 +537,7 @@ def test_a_disk_that_fills_up_while_a_bag_is_read_is_one_line(
 SIMULATED = ("--set", "panels.side_m=0.16", "--set", "camera.source=simulated")
 
 
+@pytest.mark.slow
 def test_record_writes_a_bag_that_becomes_a_recording(tmp_path: Path) -> None:
     """Holds what was decoded live, and today's date."""
     done = ledpi("record", tmp_path / "a.mcap", "--frames", 20, *SIMULATED)
@@ -541,6 +552,7 @@ def test_record_writes_a_bag_that_becomes_a_recording(tmp_path: Path) -> None:
     assert decoded(tmp_path / "a.mcap", "/ledpi/detections")
 
 
+@pytest.mark.slow
 def test_a_bag_whose_recorder_was_killed_is_read(tmp_path: Path) -> None:
     """All but its last frames."""
     out = tmp_path / "a.mcap"
@@ -554,6 +566,7 @@ def test_a_bag_whose_recorder_was_killed_is_read(tmp_path: Path) -> None:
     assert len(load_recording(tmp_path / "back").frames) > 5
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line(take: Path, tmp_path: Path) -> None:
     """A file that may not grow further stands in for it."""
 
@@ -571,6 +584,7 @@ def test_a_bag_is_not_written_over(bag: Path, take: Path, run: Run) -> None:
     assert (status, errors) == (2, f"ledpi: {bag}: is there already; give a new name\n")
 
 
+@pytest.mark.slow
 def test_a_missing_package_is_named_with_its_extra(take: Path, tmp_path: Path) -> None:
     """As where only `pip install ledpi` was done."""
     hidden = "import sys; sys.modules['mcap'] = None; from ledpi.cli import main; main()"

@@ -80,6 +80,7 @@ def wanted(take: Path, map_file: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in ledpi("decode", take, "--set", f"map={map_file}").stdout.splitlines()]
 
 
+@pytest.mark.slow
 def test_poses_are_those_of_decode_in_wpilibs_frames(log: dict[str, list[Any]], wanted: list[dict[str, Any]]) -> None:
     """Camera: x ahead, y left, z up."""
     poses = log["NT:/ledpi/panels/7/pose"]
@@ -133,6 +134,7 @@ def test_the_time_of_day_is_noted(log: dict[str, list[Any]], wanted: list[dict[s
     assert at_us == wanted[0]["sensor_timestamp_ns"] // 1000
 
 
+@pytest.mark.slow
 def test_a_file_that_is_there_is_left_alone(take: Path, tmp_path: Path) -> None:
     """Status 2, in one line."""
     out = tmp_path / "a.wpilog"
@@ -142,6 +144,7 @@ def test_a_file_that_is_there_is_left_alone(take: Path, tmp_path: Path) -> None:
     assert out.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line(take: Path, tmp_path: Path) -> None:
     """A file that may not grow further stands in for it."""
 

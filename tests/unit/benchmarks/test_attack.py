@@ -36,6 +36,7 @@ from tests.builders.wire import decoded, marker_pose
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_an_attack_does_not_begin_where_nothing_is_seen(tmp_path: Path) -> None:
     """Python takes the core that is installed here, which is not watched."""
@@ -80,6 +81,7 @@ def test_a_place_that_is_no_number_is_reported() -> None:
         check_numbers(decoded(pose))
 
 
+@pytest.mark.slow
 def test_damaged_recordings_are_refused_or_decoded(tmp_path: Path) -> None:
     """Some of either: neither is all damage too much for them, nor none of it enough."""
     sound, tally, refused = tmp_path / "sound", hostile_recordings.Tally(), 0

@@ -24,6 +24,7 @@ def recordings(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_todays_figures_stand_beside_the_frozen_ones(
     recordings: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -55,6 +55,7 @@ def test_another_name_is_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest
     assert capsys.readouterr().err == "benchmarks.speed: no benchmark latencies; there are: panels, latency\n"
 
 
+@pytest.mark.slow
 def test_of_all_one_may_fail_or_lack_something(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -21,6 +21,7 @@ def alone(drawing: Drawing) -> None:
     """Nothing beside the panels."""
 
 
+@pytest.mark.slow
 def test_where_nothing_is_late_every_frame_has_a_pose_and_the_second_panel_comes_at_once() -> None:
     """59 frames in a second."""
     told = contest().run(alone)

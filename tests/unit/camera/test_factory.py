@@ -89,6 +89,7 @@ def test_all_frequencies_of_all_panels_count() -> None:
     assert panels.frequencies_hz() == (1250.0, 1262.0, 2450.0, 3000.0)
 
 
+@pytest.mark.slow
 def test_no_device_is_imported_before_it_is_used() -> None:
     """A Pi with its camera needs no simulator, and a laptop no picamera2: the factory loads neither."""
     code = (

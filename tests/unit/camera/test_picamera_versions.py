@@ -168,6 +168,7 @@ def test_whatever_call_fails_while_it_is_opened_is_one_line(
     assert sensor.closed
 
 
+@pytest.mark.slow
 def test_doctors_page_goes_on_to_its_end(use: Use) -> None:
     """Whatever a camera brings about; the line names it."""
     use("0.3.12", says=None)
@@ -177,6 +178,7 @@ def test_doctors_page_goes_on_to_its_end(use: Use) -> None:
     assert list(found)[-1] == "speed"
 
 
+@pytest.mark.slow
 def test_what_nobody_has_foreseen_does_not_end_doctors_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """As a mistake of our own."""
 

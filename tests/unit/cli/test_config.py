@@ -82,6 +82,7 @@ def test_init_overwrites_nothing(here: Path, ledpi: Ledpi) -> None:
     assert [path.name for path in here.iterdir()] == ["config.yaml"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [("run",), ("config", "show"), ("config", "check"), ("backup", "b"), ("doctor",)])
 def test_without_a_configuration_init_is_named(command: tuple[str, ...], ledpi: Ledpi) -> None:
     """By every command that needs one."""

@@ -83,6 +83,7 @@ def ledpi(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tm
 # ---- What is printed
 
 
+@pytest.mark.slow
 def test_a_recording_gives_a_line_of_json_a_frame(kept: Path) -> None:
     """As a command of its own: the right ID and place in every frame, nothing on standard error, status 0."""
     done = process(kept / "one")
@@ -202,6 +203,7 @@ def test_a_misreported_row_time_is_corrected_and_told(ledpi: Run, take: Path) ->
     assert "a row takes 33.67 µs, not 35.69 µs as reported" in said
 
 
+@pytest.mark.slow
 def test_a_broken_picture_is_named_and_the_others_are_decoded(take: Path) -> None:
     """As a command of its own: its line says why there is nothing, standard error names the file, status 2."""
     picture = take / "frames" / "000001.png"
@@ -216,6 +218,7 @@ def test_a_broken_picture_is_named_and_the_others_are_decoded(take: Path) -> Non
     assert frames[1]["rejected"] == {"capture.truncated": 1}
 
 
+@pytest.mark.slow
 def test_progress_is_shown_on_a_terminal_only(kept: Path) -> None:
     """On standard error, where that is a terminal; standard output stays JSON."""
     master, slave = os.openpty()
@@ -231,6 +234,7 @@ def test_progress_is_shown_on_a_terminal_only(kept: Path) -> None:
     assert "decoding" in shown
 
 
+@pytest.mark.slow
 def test_who_reads_only_the_first_line_sees_no_traceback(kept: Path) -> None:
     """`ledpi decode … | head -1`."""
     with subprocess.Popen(
@@ -428,6 +432,7 @@ def test_a_picture_that_cannot_be_used_is_named_and_the_others_are_decoded(
     assert decoded["markers"][0]["id"] == 7
 
 
+@pytest.mark.slow
 def test_what_opencv_says_of_a_picture_is_not_shown(take: Path, tmp_path: Path) -> None:
     """It has lines of its own for half a bitmap."""
     whole = cv2.imencode(".bmp", cv2.imread(str(take / "frames/000000.png"), cv2.IMREAD_GRAYSCALE))[1].tobytes()
@@ -490,6 +495,7 @@ def test_a_name_that_is_too_long_is_one_line(ledpi: Run) -> None:
     assert complaint(ledpi("n" * 300)) == f"ledpi: {'n' * 300}: File name too long"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_behind_the_output_is_one_line(kept: Path) -> None:
     """`ledpi decode take > file` where nothing more fits, as /dev/full plays it."""
@@ -499,6 +505,7 @@ def test_a_full_disk_behind_the_output_is_one_line(kept: Path) -> None:
     assert (done.returncode, done.stderr) == (1, said)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     sys.version_info >= (3, 13), reason="Python 3.13 itself cannot import numpy in a folder that is gone"
 )

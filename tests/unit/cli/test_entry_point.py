@@ -72,6 +72,7 @@ def test_a_command_sees_ctrl_c_as_an_exception(monkeypatch: pytest.MonkeyPatch) 
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.slow
 def test_a_terminal_that_is_not_utf_8_gets_escapes() -> None:
     """It has no ✓, and no …; a traceback would be of no use there."""
     done = subprocess.run(
@@ -85,6 +86,7 @@ def test_a_terminal_that_is_not_utf_8_gets_escapes() -> None:
     assert done.stdout.startswith(b"\\u2717 configuration")
 
 
+@pytest.mark.slow
 def test_it_says_its_version() -> None:
     """As a report of a fault needs it."""
     done = subprocess.run(
@@ -131,6 +133,7 @@ def test_a_name_alone_gives_its_help(
     assert (output + errors).startswith(" ".join(["Usage: ledpi", *command, "[OPTIONS] COMMAND"]))
 
 
+@pytest.mark.slow
 def test_a_warning_looks_as_an_error_does(tmp_path: Path) -> None:
     """Here of a recording that was cut off; its frames are decoded."""
     take = tmp_path / "take\nold"
@@ -159,6 +162,7 @@ def test_help_is_asked_for_in_short_too(
     assert (status, out.startswith("Usage: ")) == (0, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("typed", "completed"), [("ledpi ca", "calibrate"), ("ledpi panel f", "firmware")])
 def test_a_shell_can_complete_commands(typed: str, completed: str) -> None:
     """As `ledpi --install-completion` sets it up for bash."""

@@ -110,6 +110,7 @@ def monitored(request: pytest.FixtureRequest) -> Iterator[Monitored]:
     monitor.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("monitored", [["--json"]], indirect=True)
 def test_json_lines_are_the_vectors_of_the_page(monitored: Monitored) -> None:
     """One object a message, with the page's keys and values, as soon as it has come."""
@@ -121,6 +122,7 @@ def test_json_lines_are_the_vectors_of_the_page(monitored: Monitored) -> None:
         assert said == wanted
 
 
+@pytest.mark.slow
 def test_text_lines_show_what_matters(monitored: Monitored) -> None:
     """A marker, a fix, a status with its reason."""
     chosen = {v.name: v for v in VECTORS}
@@ -133,6 +135,7 @@ def test_text_lines_show_what_matters(monitored: Monitored) -> None:
     assert "running, no fix: no panel is in view" in status
 
 
+@pytest.mark.slow
 def test_the_summary_counts_lost_and_bad_packets(monitored: Monitored) -> None:
     """Two numbers are missing, a frame is damaged; Ctrl-C ends it with status 0."""
     status = StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL)
@@ -147,6 +150,7 @@ def test_the_summary_counts_lost_and_bad_packets(monitored: Monitored) -> None:
     assert errors[-1].endswith(" packets, 2 lost, 1 bad (crc 1)")
 
 
+@pytest.mark.slow
 def test_sigterm_ends_it_as_ctrl_c_does(monitored: Monitored) -> None:
     """A script's background job cannot be sent Ctrl-C."""
     code, errors = monitored.end(signal.SIGTERM)
@@ -154,6 +158,7 @@ def test_sigterm_ends_it_as_ctrl_c_does(monitored: Monitored) -> None:
     assert " packets, 0 lost, 0 bad" in errors[-1]
 
 
+@pytest.mark.slow
 def test_a_hang_up_ends_it_cleanly(monitored: Monitored) -> None:
     """The other end of the pty is gone: said so, summary, status 0, no traceback."""
     monitored.hang_up()
@@ -164,6 +169,7 @@ def test_a_hang_up_ends_it_cleanly(monitored: Monitored) -> None:
     assert len(errors) == 2
 
 
+@pytest.mark.slow
 def test_it_ends_after_the_given_time() -> None:
     """A silent line: no output, a summary."""
     master, slave = os.openpty()
@@ -174,6 +180,7 @@ def test_it_ends_after_the_given_time() -> None:
     assert done.stderr == "0 packets, 0 lost, 0 bad\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("port", "why"),
     [("/dev/no-such-port", "no such file or directory"), (str(ROOT / "pyproject.toml"), "not a serial port")],
@@ -186,6 +193,7 @@ def test_a_port_that_cannot_be_opened_is_one_line_and_status_2(port: str, why: s
     assert done.stderr == f"ledpi: {port}: cannot be opened: {why}\n"
 
 
+@pytest.mark.slow
 def test_mavlink_is_named_and_status_2() -> None:
     """Not shown as so many bad packets: one frame of MAVLink 2 after another tells."""
     heartbeat = bytes.fromhex("fd 09 00 00 00 01 c4 00 00 00 00 00 00 00 12 08 00 04 03 5c 4b")
@@ -205,6 +213,7 @@ def test_mavlink_is_named_and_status_2() -> None:
     assert "serial.protocol: ledpi" in line
 
 
+@pytest.mark.slow
 def test_help_shows_an_example() -> None:
     """As every command's."""
     done = run("--help")

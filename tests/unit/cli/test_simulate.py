@@ -73,6 +73,7 @@ def test_the_same_seed_gives_the_same_recording(tmp_path: Path) -> None:
     assert a != c
 
 
+@pytest.mark.slow
 def test_the_drive_moves(tmp_path: Path) -> None:
     """Panels 7 and 23 come nearer from frame to frame, and are in the pictures where the truth says."""
     assert run("drive", "--scene", "drive", "--frames", "40") == 0

@@ -282,6 +282,7 @@ def test_a_mistake_in_a_layout_is_named(tmp_path: Path, change: Any, message: st
     assert message in str(error.value)
 
 
+@pytest.mark.slow
 def test_map_import_and_export_keep_the_older_file(tmp_path: Path) -> None:
     """`export`: the layout again, nothing overwritten; an ID without a word is named; what is bad changes nothing."""
     layout = tmp_path / "layout.json"
@@ -303,6 +304,7 @@ def test_map_import_and_export_keep_the_older_file(tmp_path: Path) -> None:
     assert (tmp_path / "markers.yaml").read_text() == before
 
 
+@pytest.mark.slow
 def test_a_device_is_never_put_aside_for_a_map(tmp_path: Path) -> None:
     """An older *file* is renamed. A pipe or /dev/null in its place is not: others need it."""
     layout, pipe = tmp_path / "layout.json", tmp_path / "pipe"
@@ -322,6 +324,7 @@ def test_a_layout_nested_without_end_is_refused(tmp_path: Path) -> None:
         load_layout(file)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", [("nan", "3"), ("0", "3")])
 def test_a_field_has_a_size(tmp_path: Path, field: tuple[str, str]) -> None:
     """JSON has no NaN, and a field of no length no place for a panel."""

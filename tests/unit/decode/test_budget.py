@@ -59,6 +59,7 @@ def test_a_panel_is_followed_beside_128_squares(budget: int) -> None:
         assert path.likelihood.spent - before <= budget + CANDIDATE
 
 
+@pytest.mark.slow
 def test_a_panel_that_comes_among_128_squares_is_read_within_a_second() -> None:
     """By the budget that a stream begins with, while another panel is followed."""
     path = stream()
@@ -92,6 +93,7 @@ def followed_by(path: Pipeline) -> Pipeline:
     return path
 
 
+@pytest.mark.slow
 def test_followed_panels_share_a_budget_that_is_too_small_for_all() -> None:
     """Where it suffices no panel waits; else none spends more than it may, and what has waited longest comes first."""
     path = followed_by(stream())
@@ -116,6 +118,7 @@ def test_a_panel_comes_into_a_room_whose_panels_take_all_there_is() -> None:
     assert any(23 in ids(path.decode(in_a_room(seq, newcomer))) for seq in range(8, 8 + RATE_HZ))
 
 
+@pytest.mark.slow
 def test_no_result_depends_on_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same frames and budget give the same, bit by bit, though an hour passes with every look at the clock."""
     frames = [crowded(FOLLOWED, NEW, seq=seq) for seq in range(6)]
@@ -170,6 +173,7 @@ def test_a_frame_that_had_nothing_to_look_at_says_nothing() -> None:
     assert after(pacing, 3, spent=100, took_ms=20.0)[-1] > 0.6 * before[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lossless", [False, True])
 def test_a_daemon_whose_frames_take_long_searches_less(lossless: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each frame says that it took a minute. Where capture waits for the decoder, there is no hurry."""

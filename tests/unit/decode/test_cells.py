@@ -54,6 +54,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["small", "upright", "turned", "large"])
 def test_cells_whose_lattice_ends_beyond_the_sides(shape: str) -> None:
     """As those of a quad that is as large as the lattice."""

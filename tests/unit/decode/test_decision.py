@@ -136,6 +136,7 @@ def walled(u: Floats, v: Floats) -> Floats:
     return np.asarray(diffuser(u, v) * (inner > 0.06))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("profile", "side"), [(flat, 52), (diffuser, 52), (walled, 90), (walled, 105)])
 def test_what_neighbours_and_the_dark_beyond_the_rim_mix_in_does_not_matter(profile: Profile, side: float) -> None:
     """Uneven LEDs, small cells: the blur reaches over the gaps, if there are any, and the rim has no neighbour.
@@ -150,6 +151,7 @@ def test_what_neighbours_and_the_dark_beyond_the_rim_mix_in_does_not_matter(prof
     assert read >= 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [60, 80, 120])
 def test_full_bands_are_read_in_every_phase(side: float) -> None:
     """At 150 µs some cells are dark in most of their rows, and what is seen of others is mostly harmonics."""
@@ -218,6 +220,7 @@ def test_a_still_texture_is_rejected(side: float, texture: object) -> None:
         assert isinstance(read_at(canvas.frame(seed), corners, ALL), Rejected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("black_hz", "white_hz"), [(1000, 2000), (1500, 3000), (1000, 1500), (100, 120)])
 def test_a_panel_of_other_frequencies_is_rejected(black_hz: float, white_hz: float) -> None:
     """Another system's panel, or lamps on the mains."""
@@ -227,6 +230,7 @@ def test_a_panel_of_other_frequencies_is_rejected(black_hz: float, white_hz: flo
             assert isinstance(panel_shown(word(marker_id, turns), spec=other, seed=turns), Rejected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("black_hz", "white_hz", "side", "seeds"),
     [
@@ -245,6 +249,7 @@ def test_a_panel_of_lower_frequencies_is_never_another_id(
         assert isinstance(shown, Rejected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.0, 0.5])
 def test_a_dead_cell_never_makes_another_id(gain: float) -> None:
     """Each cell in turn: with 15 of 16 cells the panel is read, or rejected."""
@@ -263,6 +268,7 @@ def test_dictionaries_that_hold_only_some_ids_know_no_others() -> None:
     assert isinstance(read_at(canvas.frame(), corners, book), Rejected)
 
 
+@pytest.mark.slow
 def test_too_little_to_see_is_a_reason_and_no_guess() -> None:
     """As the panel shrinks to nothing, a reading is right or there is none."""
     for side in (12, 16, 20, 26, 40):

@@ -83,6 +83,7 @@ def test_a_far_panel_with_a_dead_cell_is_read() -> None:
     assert read >= 9
 
 
+@pytest.mark.slow
 def test_in_deep_bands_a_panel_with_a_dead_cell_is_read() -> None:
     """At 60 px a side, whichever cell it is."""
     path = Pipeline(camera_info(exposure_us=300.0), panel_settings(), intrinsics=PINHOLE, stream=False)
@@ -97,6 +98,7 @@ def test_in_deep_bands_a_panel_with_a_dead_cell_is_read() -> None:
     assert len(read) >= 14
 
 
+@pytest.mark.slow
 def test_where_no_cell_can_be_corrected_a_dead_one_is_still_erased() -> None:
     """Words of DICT_4X4_1000 differ in two cells; a dead one is seen as either class, and is no error."""
     settings = panel_settings("panels.dictionary=DICT_4X4_1000")

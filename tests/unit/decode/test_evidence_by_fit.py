@@ -63,6 +63,7 @@ def spread_of(evidence: Evidence, bands: Floats) -> float:
     return float(np.mean(np.square(vectors[:, told].T @ evidence.unexplained(bands).ravel()) / values[told]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("yaw_deg", [0.0, 40.0, 60.0], ids=lambda yaw: f"{yaw:.0f}°")
 def test_cells_show_the_bands_that_they_have(yaw_deg: float) -> None:
     """Walls stand before the diffuser: their faces glow, and hide it. The score is off by as much as noise explains."""
@@ -113,6 +114,7 @@ def test_a_window_that_is_all_saturated_gives_none() -> None:
     assert LightWeigher(4, None).alone(fitted._replace(window=full), SPEC) is None
 
 
+@pytest.mark.slow
 def test_an_oblique_panel_with_deep_walls_is_read_from_one_frame() -> None:
     """Far walls glow and near ones hide: that is much more than the bands, which are 4 % deep."""
     take = draw_wild("oblique", panel_settings(), 77001, 13)
@@ -137,6 +139,7 @@ def compared(blur_px: float, seed: int, *, blinks: bool, shift_px: float = 0.0) 
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift_px", [0.0, 0.4])
 def test_two_frames_differ_by_the_bands_that_they_have(shift_px: float) -> None:
     """Whatever the panel looks like, and also where it has moved."""
@@ -148,6 +151,7 @@ def test_two_frames_differ_by_the_bands_that_they_have(shift_px: float) -> None:
     assert 0.4 < true < 1.5 < none
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur_px", [0.0, 0.5, 0.7])
 def test_what_frames_differ_by_is_as_sure_as_their_noise_leaves_it(blur_px: float) -> None:
     """A mean of one frame has as much noise as the frame that is compared with it."""

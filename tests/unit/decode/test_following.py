@@ -77,6 +77,7 @@ def rms(errors: Sequence[Floats]) -> float:
     return math.sqrt(float(np.mean([np.square(error).sum(axis=1).mean() for error in errors])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [24.0, 200.0])
 def test_a_followed_panel_is_where_it_is(side: float) -> None:
     """To a twentieth of a pixel beyond what the fit was off: as a fit would be, at any place between the pixels."""

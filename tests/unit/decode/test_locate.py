@@ -152,6 +152,7 @@ def test_a_moving_panel_is_where_it_was_on_average(smear_px: int, within_px: flo
     assert found.blur_px.max() < np.hypot(smear_px / np.sqrt(12.0), 1.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [26, 70])
 def test_the_stated_deviation_is_the_true_one(side: float) -> None:
     """Over places, rolls, words and noise: not half of it, nor three times; panels differ more than these do."""

@@ -52,6 +52,7 @@ def test_corners_are_where_the_equation_has_them(corners: Floats) -> None:
     assert fit.explained > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exposure_us", "within_px"), [(600.0, 0.025), (150.0, 0.05)])
 def test_deep_bands_do_not_move_corners(exposure_us: float, within_px: float) -> None:
     """Root mean square over eight places and phases; a band's edge is 4 rows wide at 150 µs, and pixels smooth it."""

@@ -54,6 +54,7 @@ def test_a_wave_that_no_cell_shows_or_that_the_exposure_leaves_nothing_of_is_no_
     assert np.isfinite(evidence.information).all()
 
 
+@pytest.mark.slow
 def test_harmonics_settle_what_sinusoids_leave_open(monkeypatch: pytest.MonkeyPatch) -> None:
     """A panel of 10 px a cell is read in more frames at 10 ms, and never as another."""
     frames = []

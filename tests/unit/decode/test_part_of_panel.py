@@ -26,6 +26,7 @@ from tests.builders.decode import (
 PANEL = square(310.3, 240.6, 130)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("exposure_us", "profile"),
     [

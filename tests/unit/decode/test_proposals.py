@@ -218,6 +218,7 @@ def test_of_inner_cells_alone_only_full_ones_make_a_panel() -> None:
     assert off_by(found, corners) < 0.05
 
 
+@pytest.mark.slow
 def test_of_a_larger_lattice_none_is_taken() -> None:
     """A wall of tiles is no panel; of five by five spots each part may be one."""
     across, down = np.meshgrid(np.arange(40, 620, 26.0), np.arange(40, 460, 26.0))

@@ -160,6 +160,7 @@ def test_where_bands_are_deep_each_frame_is_read_by_itself(reader: Reader) -> No
     assert history.frames == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exposure_us", [SHORT_US, 252.5])
 def test_deep_bands_of_few_pixels_add_up(reader: Reader, exposure_us: float) -> None:
     """Half of the frames of a far panel show no codeword by themselves."""

@@ -115,6 +115,7 @@ def told(story: str) -> tuple[list[Step], History]:
     return seen, history
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("story", STORIES)
 def test_a_track_goes_through_its_states(story: str) -> None:
     """Frame by frame, as painted panels lead to them."""

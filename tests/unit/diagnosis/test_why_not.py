@@ -47,6 +47,7 @@ def at_the_panel(why: Why) -> list[Diagnosis]:
     return [one for one in why.diagnoses if np.abs(one.corners_px.mean(axis=0) - PLACE_PX).max() < SIDE_PX / 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stream", [False, True], ids=["alone", "stream"])
 @pytest.mark.parametrize("name", FAULTS)
 def test_what_is_wrong_is_said_at_its_place(name: str, stream: bool) -> None:
@@ -76,6 +77,7 @@ def far_panel(config: Config, *, turned: bool) -> tuple[CameraInfo, Iterator[Fra
     return replace(camera.info, rows_from=config.camera.rows_from, intrinsics=None), frames()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("turned", "configured"), [(True, "above"), (False, "below"), (False, "above")])
 def test_rows_from_the_other_side_are_told_of_a_far_panel(turned: bool, configured: RowsFrom) -> None:
     """Its bands move the other way from frame to frame; one frame alone does not tell. Nothing where they fit."""
@@ -112,6 +114,7 @@ def test_where_all_is_well_nothing_is_told(stream: bool) -> None:
     assert why.notes == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "says"), [("out of focus", "the picture is blurred"), ("null", "is at a null of")])
 def test_what_holds_for_the_whole_picture_is_told_of_it(name: str, says: str) -> None:
     """Once, whatever is in it."""

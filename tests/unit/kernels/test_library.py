@@ -36,6 +36,7 @@ def test_the_core_is_of_its_own_sources(updated: str, tmp_path: Path) -> None:
         check(package)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [4, 8])
 def test_the_core_compiles_for_registers_of_either_width(width: int) -> None:
     """Four numbers at once as on 64-bit ARM, eight as elsewhere; without a warning."""
@@ -54,6 +55,7 @@ def test_without_a_core_the_remedy_is_said() -> None:
     assert "InstallationError: ledpi's compiled core is not there" in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_without_a_compiler_the_installation_fails(tmp_path: Path) -> None:
     """Instead of one that cannot read a panel."""
     pytest.importorskip("cffi")

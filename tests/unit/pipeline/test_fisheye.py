@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from ledpi.config.panels import PanelSettings
 from ledpi.core.geometry import transform
@@ -59,6 +60,7 @@ def placed(aside_deg: float, towards: tuple[float, float], count: int, lens: Int
     return errors
 
 
+@pytest.mark.slow
 def test_panels_at_the_rim_are_read_and_placed() -> None:
     """To 1 % of the distance, and in 95 % of what is read in the middle, or more."""
     calibrated = calibrate_camera(views_of(FISHEYE, 24, 65.0), BOARD, 640, 480)

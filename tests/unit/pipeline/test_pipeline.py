@@ -220,6 +220,7 @@ def test_what_is_found_first_around_a_panel_and_cannot_be_read_does_not_hide_it(
     np.testing.assert_allclose(decoded.markers[0].detection.corners_px, panel, atol=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sheet", "turn_deg"), [(0.15, 4.0), (0.35, 41.0)])
 def test_nor_does_it_where_the_panel_fills_half_the_picture(turn_deg: float, sheet: float) -> None:
     """At 0.45 m. The middles of its cells are bright squares by themselves, and cells beside it are out of sight.
@@ -310,6 +311,7 @@ def test_the_same_picture_again_is_no_new_evidence() -> None:
     assert ids_of(pipeline(stream=True), repeated) == [[]] * 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corners", [NEAR, square(310.3, 240.6, 75, 4)])
 def test_frozen_phases_make_a_stream_no_worse_than_single_frames(corners: Floats) -> None:
     """At 20 ms both classes advance by whole cycles, so that every frame shows the same bands."""
@@ -328,6 +330,7 @@ def off_frame(corners: Floats, seq: int, spec: PanelSpec, marker_id: int = 7, li
     return dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("black_hz", "white_hz"), [(1262.0, 2431.0), (1240.0, 2470.0)])
 @pytest.mark.parametrize(("side_px", "frames"), [(100, 2), (38, 12)])
 def test_oscillators_that_are_off_are_found_out(black_hz: float, white_hz: float, side_px: int, frames: int) -> None:
@@ -341,6 +344,7 @@ def test_oscillators_that_are_off_are_found_out(black_hz: float, white_hz: float
     assert (told.black_hz, told.white_hz) == pytest.approx((black_hz, white_hz), abs=2.0)
 
 
+@pytest.mark.slow
 def test_of_an_oscillator_that_is_off_the_phase_may_stand_still() -> None:
     """1237.5 Hz advance by 21.0 cycles a frame: frames tell the white class's frequency, their mean shows the black."""
     spec = dataclasses.replace(SPEC, black_hz=1237.5, white_hz=2431.0)
@@ -350,6 +354,7 @@ def test_of_an_oscillator_that_is_off_the_phase_may_stand_still() -> None:
     assert path.likelihood.off_frequency == {}  # of one of them it is only known that it stands still
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side_px", [100, 38])
 def test_frequencies_that_were_found_are_of_one_panel(side_px: int) -> None:
     """Another one in its place, which blinks as announced, is read as such, and not reported as off."""
@@ -362,6 +367,7 @@ def test_frequencies_that_were_found_are_of_one_panel(side_px: int) -> None:
     assert list(path.likelihood.off_frequency) == [7]
 
 
+@pytest.mark.slow
 def test_a_panel_that_blinks_as_announced_is_not_tuned() -> None:
     """However far it is, where other frequencies are sought."""
     path = pipeline("panels.search_frequencies=true", stream=True)
@@ -377,6 +383,7 @@ def test_a_panel_that_is_gone_is_not_reported() -> None:
     assert ids_of(path, frames) == [[7]] * 4 + [[]] * 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corners", [NEAR, FAR])
 def test_a_panel_that_stops_blinking_is_not_reported(corners: Floats) -> None:
     """Its driver hangs with all cells lit: from that frame on there is no marker, however many showed one before."""
@@ -387,6 +394,7 @@ def test_a_panel_that_stops_blinking_is_not_reported(corners: Floats) -> None:
     assert found[10:] == [[]] * 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corners", [NEAR, FAR])
 def test_another_panel_in_a_panels_place_is_not_reported_as_that(corners: Floats) -> None:
     """After a robot's quick turn, say: the new one may take its time, but it is never taken for the old one."""
@@ -398,6 +406,7 @@ def test_another_panel_in_a_panels_place_is_not_reported_as_that(corners: Floats
     assert found[25] == [23]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("side", "larger", "old", "new"), [(40, 1.23, 7, 23), (45, 1.18, 23, 7)])
 def test_nor_is_one_that_is_larger(side: int, larger: float, old: int, new: int) -> None:
     """So much that its cells are sampled at other places, where no picture of the old one's is to compare them with."""
@@ -409,6 +418,7 @@ def test_nor_is_one_that_is_larger(side: int, larger: float, old: int, new: int)
     assert after[7] == [new]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("side", "larger", "turn_deg", "old", "new", "gap", "seed"),
     [(111, 1.13, 90, 17, 12, 8, 63), (105, 1.13, 45, 0, 23, 12, 26), (100, 1.08, 0, 12, 42, 23, 55)],
@@ -511,6 +521,7 @@ def test_nothing_survives_a_jump_in_time() -> None:
     assert used == [1, 2, 3, 4, 5, 1, 2, 3]
 
 
+@pytest.mark.slow
 def test_two_panels_that_pass_each_other_keep_their_ids() -> None:
     """7 moves right above, 23 left below, 9 px a frame, each past the other."""
     path = pipeline(stream=True)
@@ -636,6 +647,7 @@ def test_printed_things_are_never_reported(place: str) -> None:
             assert path.decode(canvas.frame(n, seq=n)).markers == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("black_hz", "white_hz"), [(1237.5, 2474.5), (1256.0, 2462.0)])
 def test_where_frames_do_not_add_up_a_stream_is_no_worse_than_frames_alone(black_hz: float, white_hz: float) -> None:
     """Oscillators off by 1 % and 0.5 %: until that is found out, each frame still speaks for itself."""

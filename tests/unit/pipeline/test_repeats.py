@@ -41,6 +41,7 @@ def test_no_pose_is_made_of_a_picture_that_came_before() -> None:
     assert reported(path, shown(9, 9)) == ([7], False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("buffers", [2, 4, 6])
 def test_nor_where_a_driver_gives_its_buffers_by_turns(buffers: int) -> None:
     """A queue that nobody fills any more."""

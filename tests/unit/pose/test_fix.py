@@ -235,6 +235,7 @@ def test_a_panel_that_is_hung_right_again_is_believed_again() -> None:
     assert [isinstance(driver.see(right)[1], RobotFix) for _ in range(10)][-6:] == [True] * 6
 
 
+@pytest.mark.slow
 def test_a_right_map_is_believed_in_nearly_every_frame() -> None:
     """A robot that sees two or three panels by turns, with errors as large as stated: 2 fixes of 400 are refused."""
     rng = np.random.default_rng(4)

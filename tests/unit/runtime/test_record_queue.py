@@ -109,6 +109,7 @@ def test_what_is_abandoned_is_counted() -> None:
     assert queue.dropped == 9
 
 
+@pytest.mark.slow
 def test_keeping_costs_little_beside_decoding(drive: Stream) -> None:
     """Measured against decoding the same frames, in the same run: less than a twentieth, with room and without."""
     pipeline = drive.pipeline()

@@ -216,6 +216,7 @@ def test_a_camera_that_was_lost_meanwhile_is_reported(tmp_path: Path) -> None:
     assert summary(one.done).endswith("none lost; the camera was lost and opened again 1 time")
 
 
+@pytest.mark.slow
 def test_a_replay_decodes_as_live(tmp_path: Path) -> None:
     """The simulated drive, recorded and decoded live; `decode --as-live` gives the same lines, apart from times."""
     take = tmp_path / "take"
@@ -231,6 +232,7 @@ def test_a_replay_decodes_as_live(tmp_path: Path) -> None:
     assert {entry.search_budget is not None for entry in load_recording(take).frames if entry.decoded} == {True}
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_in_order(tmp_path: Path) -> None:
     """Writes what was captured, and the summary tells of it; exit status 0."""
     take = tmp_path / "take"
@@ -245,6 +247,7 @@ def test_ctrl_c_ends_it_in_order(tmp_path: Path) -> None:
     assert len(os.listdir(take / "frames")) == len(frames)
 
 
+@pytest.mark.slow
 def test_it_is_bounded_by_size(tmp_path: Path) -> None:
     """A megabyte is some 25 frames; it ends soon after, and long before its time."""
     done = record(str(tmp_path / "take"), "--seconds", "50", "--max-mb", "1", *SIMULATED)
@@ -252,6 +255,7 @@ def test_it_is_bounded_by_size(tmp_path: Path) -> None:
     assert sum(path.stat().st_size for path in (tmp_path / "take/frames").iterdir()) >= 1e6
 
 
+@pytest.mark.slow
 def test_a_folder_that_holds_something_is_left_alone(tmp_path: Path) -> None:
     """Status 2, and the reason, and no word of a recording that there is none."""
     (tmp_path / "notes.txt").write_text("mine")
@@ -261,6 +265,7 @@ def test_a_folder_that_holds_something_is_left_alone(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["notes.txt"]
 
 
+@pytest.mark.slow
 def test_an_undecoded_frame_is_left_out_as_live(tmp_path: Path) -> None:
     """By its line in frames.jsonl; without the option every frame is decoded."""
     panel = {"dictionary": "DICT_4X4_50", "panel": SPEC}

@@ -89,6 +89,7 @@ def test_a_recording_from_the_daemons_start_decodes_as_it_did_live(drive: Stream
     assert lines_of(decode(folder).stdout) != as_lines(live)  # budgets matter
 
 
+@pytest.mark.slow
 def test_one_that_begins_later_decodes_as_it_did_live_after_a_second(tmp_path: Path) -> None:
     """By then its panels are found and read again; and its note says so."""
     drive = stream(96)
@@ -110,6 +111,7 @@ def load_note(folder: Path) -> str:
     return str(yaml.safe_load((folder / "recording.yaml").read_text())["note"])
 
 
+@pytest.mark.slow
 def test_a_state_that_an_older_version_wrote_is_not_read(drive: Stream, tmp_path: Path) -> None:
     """Whatever it holds: that is said once, in one line, and the recording is decoded."""
     folder = saved(drive, tmp_path)
@@ -123,6 +125,7 @@ def test_a_state_that_an_older_version_wrote_is_not_read(drive: Stream, tmp_path
     assert done.stderr == f"ledpi: {folder}: state.bin is not read; the first second may differ from what was live\n"
 
 
+@pytest.mark.slow
 def test_a_driver_that_misreports_its_rows_is_seen_through_as_it_was_live(tmp_path: Path) -> None:
     """Live the stream found out by its own times; so it must when it is decoded as live, and not twice."""
     true = stream(COUNT)
@@ -140,6 +143,7 @@ def test_a_driver_that_misreports_its_rows_is_seen_through_as_it_was_live(tmp_pa
     assert any(decoded.markers for decoded in drive.live)
 
 
+@pytest.mark.slow
 def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The daemon ends meanwhile: the name says that it is a part, and that part decodes as it did live."""
     ring = ring_with(drive)

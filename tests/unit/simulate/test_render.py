@@ -68,6 +68,7 @@ def test_the_mean_picture_is_the_brightness_that_was_asked_for() -> None:
     assert mean[100, 320] == 0.0
 
 
+@pytest.mark.slow
 def test_a_still_panel_through_a_lens_agrees_with_counting() -> None:
     """Perspective, distortion, pixel area, blur and bands: the light of each pixel as counted."""
     still = panel(standing(0.3, -0.2, 1.5, yaw_deg=50, roll_deg=20))
@@ -241,6 +242,7 @@ def test_lamps_have_their_shape() -> None:
     assert lattice[200, 299] < 0.25
 
 
+@pytest.mark.slow
 def test_a_pwm_lamp_has_bands_of_its_own_frequency() -> None:
     """Its rows are the integral of its own square wave, of unequal duty."""
     wave = SquareWave(frequency_hz=333.0, duty=0.2)

@@ -78,6 +78,7 @@ def test_a_panel_partly_in_view_is_optional_and_one_out_of_view_is_not_listed() 
     assert Renderer(dark_scene(single_class_panel(standing()), camera=sensor()), seed=0).truth(0) == ()
 
 
+@pytest.mark.slow
 def test_the_rendered_panel_lies_within_the_true_corners() -> None:
     """The light's centroid is the quad's, and its sum the quad's area × brightness, for a panel seen almost flat on."""
     motion = standing(0.2, 0.1, 1.5, yaw_deg=3, roll_deg=30)

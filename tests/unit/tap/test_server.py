@@ -246,6 +246,7 @@ def test_a_client_that_takes_nothing_is_given_up(tap: Tap, monkeypatch: pytest.M
     assert dead.is_closed()
 
 
+@pytest.mark.slow
 def test_a_client_that_dies_is_forgotten(tap: Tap) -> None:
     """Without followers nothing is handed over any more."""
     code = f"from ledpi.tap.client import connect; c = connect({str(tap.path)!r}); print('up', flush=True); input()"
@@ -361,6 +362,7 @@ print(flush=True)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FLOOD_OF)
 def test_a_flood_takes_little_more_than_clients_that_only_read(tap: Tap, kind: str) -> None:
     """Whatever clients ask for, however often they come: the share that is meant for them.

@@ -149,6 +149,7 @@ def test_a_daemon_without_a_tap_is_told_in_one_line(
     assert "tap.socket" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["127.0.0.1", "0.0.0.0"])
 def test_a_token_is_made_and_printed(tmp_path: Path, address: str) -> None:
     """Long, another one at each start, and needed for every answer, on the machine's own address, too."""
@@ -164,6 +165,7 @@ def test_a_token_is_made_and_printed(tmp_path: Path, address: str) -> None:
                 assert "token" in json.loads(answer.read())["error"]
 
 
+@pytest.mark.slow
 def test_a_token_of_the_configuration_is_used(tmp_path: Path) -> None:
     """In place of one that is made."""
     with view(tmp_path, "view.token=chosen-by-me-1") as page:
@@ -193,6 +195,7 @@ def test_a_token_that_every_user_can_read_is_warned_of(
     assert (told in caplog.text) == (mode == 0o644)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_it_ends_well(tmp_path: Path, number: signal.Signals) -> None:
     """By a service manager or Ctrl-C, while somebody waits for a picture: status 0."""

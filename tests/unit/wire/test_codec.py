@@ -87,6 +87,7 @@ def assert_pose_kept(after: WirePose | None, before: WirePose | None) -> None:
             assert b - 1e-9 <= a <= b * 17 / 16 + STEP
 
 
+@pytest.mark.slow
 @given(markers | fixes)
 def test_a_pose_survives_within_its_resolution(message: MarkerMessage | FixMessage) -> None:
     """Every valid pose, wherever it is and however sure; all other fields exactly."""

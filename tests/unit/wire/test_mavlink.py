@@ -361,6 +361,7 @@ def test_without_pymavlink_the_codec_says_how_to_install_it(monkeypatch: pytest.
         codec()
 
 
+@pytest.mark.slow
 def test_without_pymavlink_doctor_says_that_the_daemon_would_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """With the same words as the daemon's, and a remedy."""
     settings = ("panels.side_m=0.16", "camera.source=simulated", "serial.protocol=mavlink")
@@ -370,6 +371,7 @@ def test_without_pymavlink_doctor_says_that_the_daemon_would_not_run(monkeypatch
     assert "pip install 'ledpi[mavlink]'" in finding.said
 
 
+@pytest.mark.slow
 def test_the_daemon_speaks_mavlink() -> None:
     """The simulated drive's two panels, ahead of the vehicle; its last word is power off."""
     autopilot = Autopilot()
@@ -382,6 +384,7 @@ def test_the_daemon_speaks_mavlink() -> None:
     assert all(0.5 < target.x < 3.0 and target.position_valid for target in autopilot.of("LANDING_TARGET"))
 
 
+@pytest.mark.slow
 def test_without_pymavlink_run_ends_with_status_2() -> None:
     """Before anything streams, and without a traceback; our own protocol does not miss it."""
     settings = ["panels.side_m=0.16", "camera.source=simulated", "serial.port=nothing"]

@@ -490,6 +490,7 @@ def test_who_else_has_it_open_is_named_once(
     assert f"(process {other.pid}); stop it with: sudo " in named
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("octets", [b"AT\r\n", bytes(range(1, 50)), b"\0", b"\x05\x01\x01"])
 def test_foreign_bytes_cost_no_packet(far_end: FarEnd, start: Start, octets: bytes) -> None:
     """A zero is on either side of each frame: what another program writes in between is a bad frame of its own."""

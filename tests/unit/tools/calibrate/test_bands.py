@@ -92,6 +92,7 @@ def test_frequencies_that_are_off_are_found() -> None:
     assert not result.differs_from(PanelSpec(side_m=1.0, black_hz=1262.0, white_hz=2431.0))
 
 
+@pytest.mark.slow
 def test_deviations_are_those_of_the_errors() -> None:
     """Over 20 draws the errors of f and ν, over their reported deviations, have a root mean square near 1."""
     clean, rng, pulls = counted_light(frames=25, noise=0.0), np.random.default_rng(0), []
@@ -124,6 +125,7 @@ def test_late_interrupts_cost_little() -> None:
     assert interval_us == pytest.approx(FRAME_ROWS * 33.67, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_an_oscillator_that_wanders_is_measured_in_parts() -> None:
     """One that rises by 0.2 % a second never adds up over all frames; its mean is found, and how far it wanders."""
     result = measured_panel(counted_light(1262.0, 2431.0, frames=60, drift=2e-3))
@@ -134,6 +136,7 @@ def test_an_oscillator_that_wanders_is_measured_in_parts() -> None:
     assert result.blinking_share == pytest.approx((1.0, 1.0), abs=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duty", [0.3, 0.6])
 def test_duty_shows_in_the_second_harmonic(duty: float) -> None:
     """Which side of one half it lies on too, and the share of light that blinks."""
@@ -177,6 +180,7 @@ def test_what_leaves_an_alias_open_is_reported(light: dict[str, Any], says: str)
         measured_panel(counted_light(**light))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row_time_us", [21.17, 31.75, 33.67])
 def test_the_row_time_is_found_whatever_the_driver_says(row_time_us: float) -> None:
     """To 0.1 % by the bands alone, and to the last digit with the frames' rows; the driver said 33.67 µs.
@@ -193,6 +197,7 @@ def test_the_row_time_is_found_whatever_the_driver_says(row_time_us: float) -> N
     assert scaled.row_time_us.value == pytest.approx(row_time_us, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exposure_us", [9394.0, 10000.0])
 def test_the_exposure_shows_in_the_classes_depths(exposure_us: float) -> None:
     """Within its deviations of the truth, also at 10 ms, where the ratio of depths turns."""

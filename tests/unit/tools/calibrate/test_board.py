@@ -35,6 +35,7 @@ def printed(path: Path) -> Pixels:
     return np.asarray(cv2.imread(str(path.with_suffix(".pgm")), cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "paper"), [("chessboard", "a4"), ("charuco", "letter")])
 def test_the_board_is_true_to_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, paper: str) -> None:
     """The page has the paper's size, inner corners are 28 mm apart, and the ruler measures 100 mm."""
@@ -56,6 +57,7 @@ def test_the_board_is_true_to_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert int(np.argmin(line[first:])) == pytest.approx(100 * PX_PER_MM, abs=2)
 
 
+@pytest.mark.slow
 def test_the_printed_board_is_the_one_that_is_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -33,6 +33,7 @@ def printed(squares: tuple[int, int], share: float, dictionary: str, *, legacy: 
     return np.asarray(picture, np.uint8), np.asarray(truth, np.float64), places
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.5, 0.75])
 @pytest.mark.parametrize(
     ("squares", "dictionary", "legacy"),
@@ -59,6 +60,7 @@ def test_a_board_of_any_maker_is_used(squares: tuple[int, int], dictionary: str,
     assert (finder.note(asked) is None) == (dictionary == "DICT_5X5_250" and not legacy and share > 0.5)
 
 
+@pytest.mark.slow
 def test_a_board_that_is_held_upright_is_the_same() -> None:
     """Columns and rows may be told the other way round."""
     picture, *_ = printed((11, 8), 0.75, "DICT_4X4_100", legacy=False)
@@ -67,6 +69,7 @@ def test_a_board_that_is_held_upright_is_the_same() -> None:
     assert (known.columns, known.rows, known.dictionary) == (10, 7, "DICT_4X4_1000")
 
 
+@pytest.mark.slow
 def test_a_board_of_another_size_is_named() -> None:
     """As the options that would be right."""
     picture, *_ = printed((11, 8), 0.75, "DICT_4X4_100", legacy=True)
@@ -81,6 +84,7 @@ def test_a_picture_without_markers_shows_no_board() -> None:
     assert recognise(noise, Board(columns=6, rows=5, kind="charuco")) is None
 
 
+@pytest.mark.slow
 def test_hidden_and_broken_files_are_no_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -65,6 +65,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return in_process(monkeypatch, capsys, "calibrate", "camera")
 
 
+@pytest.mark.slow
 def test_corners_of_a_rendered_board_are_found(pictures: Path) -> None:
     """The detector's corners lie within 0.15 px rms of where the board's corners were projected to."""
     for i, pose in enumerate(POSES):
@@ -171,6 +172,7 @@ def test_views_that_determine_nothing_are_refused() -> None:
     assert refusal(good_views()[:7]).startswith("the board was found in only 7 pictures, at least 8 are needed")
 
 
+@pytest.mark.slow
 def test_views_of_no_board_are_refused() -> None:
     """Points that no flat board can show are refused, whatever the fit makes of them."""
     random = np.random.default_rng(3)
@@ -178,6 +180,7 @@ def test_views_of_no_board_are_refused() -> None:
     assert "rms is" in refusal(views) or "no camera" in refusal(views)
 
 
+@pytest.mark.slow
 def test_a_lens_that_explains_nothing_is_never_written(command: Command) -> None:
     """Every second picture is stretched, as by a zoom: each shows a board, and no camera shows them all."""
     Path("pictures").mkdir()
@@ -205,6 +208,7 @@ def test_a_refusal_is_one_line_and_writes_nothing(command: Command) -> None:
     assert Path("camera.yaml").read_text() == "precious"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(8, 6), (9, 7)])
 def test_a_size_that_is_not_the_boards_is_reported_at_once(
     pictures: Path, command: Command, size: tuple[int, int]
@@ -216,6 +220,7 @@ def test_a_size_that_is_not_the_boards_is_reported_at_once(
     assert err == f"ledpi: {pictures}: no chessboard with {size[0]} × {size[1]} inner corners, {right}\n"
 
 
+@pytest.mark.slow
 def test_a_board_of_the_other_kind_is_reported_too(pictures: Path) -> None:
     """A chessboard where a ChArUco board is asked for, and the reverse."""
     picture = np.asarray(cv2.imread(str(pictures / "00.png"), GREY), dtype=np.uint8)
@@ -268,6 +273,7 @@ def test_real_pictures(
     assert written["ledpi"]["rms_px"] <= 0.16
 
 
+@pytest.mark.slow
 def test_a_charuco_board_may_be_seen_in_part() -> None:
     """Some views lack corners; the camera is asked back all the same, within four of its deviations."""
     views = [view for i, p in enumerate(charuco_pictures()) if (view := find_board(f"{i}", p, CHARUCO)) is not None]

@@ -96,6 +96,7 @@ def test_a_panel_that_is_off_is_measured_and_written(command: Command, simulated
     assert yaml.safe_load(written)["panels"]["overrides"][3] == {"side_m": 0.3}
 
 
+@pytest.mark.slow
 def test_what_only_the_recording_knows_is_written_too(command: Command, simulated: Simulated) -> None:
     """The recording announces 1262 and 2431 Hz, and they are right; config.yaml has 1250 and 2450."""
     take = simulated("panels.black_hz=1262", "panels.white_hz=2431", claimed={})
@@ -106,6 +107,7 @@ def test_what_only_the_recording_knows_is_written_too(command: Command, simulate
     assert (spec.black_hz, spec.white_hz) == pytest.approx((1262.0, 2431.0), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_is_said_and_what_is_written_are_of_one_announcement(command: Command, simulated: Simulated) -> None:
     """The recording announces 1350 Hz, the configuration 1250, and that is right: so it is claimed to be."""
     take = simulated(claimed={"panel": {"black_hz": 1350.0}})
@@ -116,6 +118,7 @@ def test_what_is_said_and_what_is_written_are_of_one_announcement(command: Comma
     assert "panel 7 blinks as configured" in out
 
 
+@pytest.mark.slow
 def test_a_duty_that_is_off_by_noise_is_not_written(command: Command, simulated: Simulated) -> None:
     """The panel is off in frequency; of its duty 0.502 would be measured, where 0.5 is announced."""
     announced = {"panel": {"black_hz": 1250.0, "white_hz": 2450.0}}
@@ -141,6 +144,7 @@ def test_one_picture_over_and_over_is_refused(command: Command, simulated: Simul
     assert err.startswith("ledpi: all frames show the very same light")
 
 
+@pytest.mark.slow
 def test_a_panel_with_an_entry_is_sought_around_it(command: Command, simulated: Simulated) -> None:
     """ID 7 is announced as 1500 and 2800 Hz by itself; it is found there, although the common ones are far off."""
     overrides = ("camera.exposure_us=1000", "panels.black_hz=1507", "panels.white_hz=2790")
@@ -152,6 +156,7 @@ def test_a_panel_with_an_entry_is_sought_around_it(command: Command, simulated: 
     assert "(+0.47% of 1500)" in out
 
 
+@pytest.mark.slow
 def test_a_row_time_that_the_driver_misreports_is_written(command: Command, simulated: Simulated) -> None:
     """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %; by a dry run nowhere."""
     take = simulated("camera.row_time_us=31.75", claimed={"camera": {"row_time_us": 33.67}})
@@ -170,6 +175,7 @@ def test_a_driver_that_is_right_changes_nothing(command: Command, simulated: Sim
     assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
 
 
+@pytest.mark.slow
 def test_of_a_panel_that_is_as_announced_the_day_is_noted(command: Command, simulated: Simulated) -> None:
     """And no frequencies, which would cost decoding time."""
     take = simulated(claimed={})
@@ -204,6 +210,7 @@ def test_after_the_lens_the_shutter_comes_next(command: Command) -> None:
     assert "next: ledpi calibrate shutter" in out
 
 
+@pytest.mark.slow
 def test_after_the_shutter_a_panel_comes_next(command: Command, simulated: Simulated) -> None:
     """Names what `calibrate shutter` has noted in camera.yaml, too."""
     calibrated_lens()
@@ -235,6 +242,7 @@ def test_bare_it_names_what_is_broken(command: Command) -> None:
     assert "next: ledpi calibrate camera" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["panel", "shutter"])
 def test_what_moves_or_is_short_is_refused(command: Command, what: str) -> None:
     """A robot that drives, and a recording of too few frames: one line, exit status 2, nothing written."""
@@ -290,6 +298,7 @@ class TooBrightCamera(SimulatedCamera):
         return replace(frame, pixels=bright, analogue_gain=self.gain)
 
 
+@pytest.mark.slow
 def test_the_gain_settles_on_the_panel_before_frames_are_taken() -> None:
     """Brings a panel that is too bright below full scale, where the configuration leaves the gain open."""
     config = load_config(None, ("panels.side_m=0.16", "camera.transfer=linear"))

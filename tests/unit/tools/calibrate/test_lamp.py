@@ -32,6 +32,7 @@ def test_the_frequency_is_asked_back(hz: float, depth: float) -> None:
     assert abs(found.value - hz) < 5 * found.sigma + 1e-3 * hz
 
 
+@pytest.mark.slow
 def test_what_shows_no_bands_has_no_frequency() -> None:
     """A steady lamp, bands of which hardly two are on the lamp, noise, and darkness."""
     noise = np.random.default_rng(0).integers(0, 40, (373, 662)).astype(np.uint8)
@@ -39,6 +40,7 @@ def test_what_shows_no_bands_has_no_frequency() -> None:
         assert measured(picture) is None
 
 
+@pytest.mark.slow
 def test_real_lamps(shared: Callable[[str], Path]) -> None:
     """Takes every twentieth photograph: off by 0.1 % in the median, 0.5 % at worst."""
     errors, _ = bench.frequency_errors(shared("real/led_bands"), every=20)

@@ -76,6 +76,7 @@ def opener(pictures: Iterator[Pixels], exposure_us: float) -> tuple[OpenAt, list
     return open_at, opened
 
 
+@pytest.mark.slow
 def test_the_exposure_is_set_by_the_board() -> None:
     """A camera that starts too dark is opened anew until the board's white is right; then every view counts."""
     open_at, opened = opener(shown(4), 3_000.0)
@@ -90,6 +91,7 @@ def test_the_exposure_is_set_by_the_board() -> None:
     assert calibrate_camera(collection.views, CHARUCO, info.width, info.height).rms_px < 0.3
 
 
+@pytest.mark.slow
 def test_another_board_than_the_one_asked_for_is_reported() -> None:
     """Whoever shows a chessboard where a ChArUco board is expected hears which options are its own."""
     chessboard = rendered(POSES[0], np.random.default_rng(0))
@@ -99,6 +101,7 @@ def test_another_board_than_the_one_asked_for_is_reported() -> None:
     assert "--board chessboard --cols 6 --rows 5 is seen" in said[-1]
 
 
+@pytest.mark.slow
 def test_a_board_that_moves_is_not_taken() -> None:
     """Rows are exposed one after another: a view counts only where the frame before shows the same."""
     open_at, _ = opener(shown(1), 40_000.0)
@@ -170,6 +173,7 @@ def test_exposure_and_gain(white: int, exposure_us: float, gain: float, expected
     assert found == (pytest.approx(expected, rel=0.02) if expected is not None else None)
 
 
+@pytest.mark.slow
 def test_a_simulated_board_gives_the_simulated_lens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

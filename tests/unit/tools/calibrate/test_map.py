@@ -82,6 +82,7 @@ def off_by(found: Floats, true: Floats) -> tuple[float, float]:
     return float(np.linalg.norm(found[:3, 3] - true[:3, 3])), math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_corridor_of_twelve_panels_is_placed(seed: int) -> None:
     """Each within 2 cm and 0.5 % of its distance from the origin panel, and 1°; and within 4 of its deviations."""
@@ -96,6 +97,7 @@ def test_a_corridor_of_twelve_panels_is_placed(seed: int) -> None:
         assert away_m < 4 * math.sqrt(3) * result.panels[i].position_sigma_m
 
 
+@pytest.mark.slow
 def test_panels_that_are_known_to_hang_upright_keep_the_map_level() -> None:
     """Lower right corners seen 0.3 px too low bend the chain; with that knowledge it bends less."""
     places, views = drive(1)
@@ -116,6 +118,7 @@ def test_deviations_grow_with_the_distance_from_the_origin() -> None:
     assert result.panels[far].position_sigma_m > 3 * result.panels[0].position_sigma_m
 
 
+@pytest.mark.slow
 def test_a_view_that_something_stood_before_does_not_bend_the_map() -> None:
     """Every twelfth panel's view is off by some pixels: they are named as contradicted, and the map holds."""
     places, views = drive(1)
@@ -195,6 +198,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return in_process(monkeypatch, capsys, "calibrate", "map")
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path, command: Command) -> None:
     """Places within 2 cm of the scene's, laid from panel 12; older files are kept, a failure changes none."""
     (tmp_path / "markers.yaml").write_text("by hand")
@@ -217,6 +221,7 @@ def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path,
     assert (tmp_path / "markers.yaml").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_configuration_without_a_map_gets_its_name(recording: Path, tmp_path: Path, command: Command) -> None:
     """So that the daemon reads it; one that names a map keeps that, and it is said which."""
     (tmp_path / "config.yaml").write_text("panels: {side_m: 0.16}  # mine\nmap: null\n")

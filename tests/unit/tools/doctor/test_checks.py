@@ -44,6 +44,7 @@ def doctor(*settings: str, options: tuple[str, ...] = ()) -> subprocess.Complete
 # ---- The page
 
 
+@pytest.mark.slow
 def test_without_a_camera_the_page_says_what_to_do() -> None:
     """Each ✗ is followed by a remedy, and the exit status says that the daemon would not run."""
     done = doctor(*NO_CAMERA)
@@ -55,6 +56,7 @@ def test_without_a_camera_the_page_says_what_to_do() -> None:
     assert all("→" in lines[number + 1] for number in bad_lines)
 
 
+@pytest.mark.slow
 def test_where_all_is_well_the_daemon_would_run() -> None:
     """The simulator and a pty: status 0, and the same as JSON."""
     master, slave = os.openpty()
@@ -72,6 +74,7 @@ def test_where_all_is_well_the_daemon_would_run() -> None:
     assert {name for name, state in states.items() if state == "ok"} >= well | {"serial port"}
 
 
+@pytest.mark.slow
 def test_a_lens_that_is_missing_stops_the_simulator_too() -> None:
     """As with a camera: who tries the configuration out on the simulator hears of it there."""
     given = ("camera.source=simulated", "camera.intrinsics=gone.yaml")
@@ -83,6 +86,7 @@ def test_a_lens_that_is_missing_stops_the_simulator_too() -> None:
 HUNG = "{position_m: [4, 1, 1.5], yaw_deg: 180}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "settings", "state", "stops", "said"),
     [
@@ -105,6 +109,7 @@ def test_the_map_is_read_as_the_daemon_reads_it(
     assert said in found.said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "state", "said"),
     [
@@ -128,6 +133,7 @@ def test_which_ids_are_reported_is_said(settings: tuple[str, ...], state: str, s
     assert found.said.startswith(said)
 
 
+@pytest.mark.slow
 def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
     """Nothing else can be looked at."""
     (tmp_path / "config.yaml").write_text("camera: {exposure: 10000}\n")
@@ -137,6 +143,7 @@ def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(Path("/etc/ledpi/config.yaml").exists(), reason="there is a configuration here")
 def test_without_a_configuration_the_page_goes_on(tmp_path: Path) -> None:
     """All else that is missing is told at once; what to do about the configuration comes first."""
@@ -164,6 +171,7 @@ def test_a_configuration_that_hides_the_services_is_reported(
     assert (found.state, str(service) in found.said) == (state, state == "unknown")
 
 
+@pytest.mark.slow
 def test_a_missing_controller_does_not_stop_the_daemon(tmp_path: Path) -> None:
     """It is a ✗, but `run` starts without the port and keeps trying."""
     config = load_config(None, ("panels.side_m=0.16", "camera.source=simulated", f"serial.port={tmp_path}/none"))
@@ -184,6 +192,7 @@ def test_the_last_line_says_what_the_daemon_would_not_do_well() -> None:
 # ---- The camera
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "state", "said"),
     [
@@ -218,6 +227,7 @@ def test_a_lens_that_is_none_is_seen(tmp_path: Path) -> None:
     assert (found.state, found.stops_daemon) == ("bad", True)
 
 
+@pytest.mark.slow
 def test_the_camera_is_free_again_after_the_look() -> None:
     """Closes what was opened, so that the next one can have it."""
     config = load_config(None, ("panels.side_m=0.16", "camera.source=simulated"))
@@ -237,11 +247,13 @@ def in_view(name: str) -> list[Finding]:
     return look(camera_of(fault, config, paced=False), config)
 
 
+@pytest.mark.slow
 def test_panels_that_are_read_are_named() -> None:
     """Nothing else is told of them."""
     assert in_view("nothing") == [ok("panels", "ID 7, 11 read")]
 
 
+@pytest.mark.slow
 def test_a_panel_that_is_built_wrongly_is_a_fault() -> None:
     """With what to do; the daemon would run."""
     read, wrong = in_view("swapped")
@@ -250,6 +262,7 @@ def test_a_panel_that_is_built_wrongly_is_a_fault() -> None:
     assert "is not read: looks like ID 11 with its two frequencies swapped" in wrong.said
 
 
+@pytest.mark.slow
 def test_a_light_may_be_none() -> None:
     """So it is no fault; what helps, if it is a panel, is said all the same."""
     light = in_view("saturated")[-1]
@@ -257,6 +270,7 @@ def test_a_light_may_be_none() -> None:
     assert ", if it is a panel: too bright" in light.said
 
 
+@pytest.mark.slow
 def test_a_picture_in_which_no_panel_can_be_read_is_a_fault() -> None:
     """As a blurred one is. Where some are read all the same, it is good enough."""
     states = {finding.name: finding.state for finding in in_view("out of focus")}

@@ -163,6 +163,7 @@ def test_a_kind_of_port_that_the_service_may_not_open_is_named(tmp_path: Path, l
     assert found is None or "DeviceAllow=char-pts rw" in found.remedy
 
 
+@pytest.mark.slow
 def test_who_has_the_port_open_is_named(tmp_path: Path) -> None:
     """Beside the daemon that runs."""
     with controller() as line:

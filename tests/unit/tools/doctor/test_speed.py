@@ -15,6 +15,7 @@ def config_of(*settings: str) -> Config:
     return load_config(None, ("panels.side_m=0.16", *settings))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [(), ("camera.exposure_us=150",), ("camera.width=1280", "camera.height=960"), ("panels.dictionary=DICT_5X5_50",)],

@@ -171,6 +171,7 @@ def test_a_processor_sharpens_and_bends_the_tone() -> None:
     assert np.median(processed) < np.median(plain) - 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["a corner hidden", "an edge hidden"])
 def test_what_is_in_the_way_hides_up_to_12_percent(case: str) -> None:
     """Behind it the panel's picture is dark; that takes at most a corner or a strip of 12 % of the side."""
@@ -216,6 +217,7 @@ def test_a_hidden_strip_takes_up_to_12_percent_of_each_decoy() -> None:
         assert {light.level for light in scene.lights} == {0.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ids", [None, (7, 17, 23)])
 def test_only_ids_that_exist_are_drawn(ids: tuple[int, ...] | None) -> None:
     """A panel that is never reported would be missed by design; which exist changes nothing else of a take."""
@@ -314,6 +316,7 @@ def test_what_a_first_look_leaves_open_a_second_one_reads() -> None:
     assert [marker.detection.id for marker in decoded.decode(first_frame(take)).markers] == [17]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "number", "seed", "frames", "exposure_us"),
     [

@@ -66,6 +66,7 @@ def table(folder: str) -> list[dict[str, str]]:
     return [{name: value for name, value in line.items() if name != "decode_ms"} for line in lines]
 
 
+@pytest.mark.slow
 def test_the_number_of_workers_changes_nothing() -> None:
     """Two units on one process and on two; the table is the same, number by number."""
     options = [*SMALL[:-1], "2"]
@@ -78,6 +79,7 @@ def test_the_number_of_workers_changes_nothing() -> None:
     assert {line["recognised"] for line in table("one") if line["method"] in ("likelihood", "stream_4")} == {"2"}
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_where_it_was_broken_off() -> None:
     """One unit finished, the next cut off in the middle of its line: only the finished one is not done again."""
     options = (*SMALL, "--method", "likelihood", "--workers", "1")
@@ -98,6 +100,7 @@ def test_a_run_goes_on_where_it_was_broken_off() -> None:
     assert units.read_text(encoding="utf-8").splitlines() == again
 
 
+@pytest.mark.slow
 def test_other_settings_go_to_another_folder() -> None:
     """Results of two kinds are never mixed, nor is anything else written over; a run without any blocks nothing."""
     run("evaluate", "--out", "out", *SMALL, "--method", "aruco")
@@ -114,6 +117,7 @@ def test_other_settings_go_to_another_folder() -> None:
     assert json.loads(Path("out/settings.json").read_text())["seed"] == 2
 
 
+@pytest.mark.slow
 def test_the_page_shows_tables_plots_and_the_command() -> None:
     """Beside every table the command that gives it again; each picture that is linked is there."""
     run("evaluate", "--out", "out", *SMALL, "--angle", "45", "--method", "aruco", "--roll")
@@ -192,6 +196,7 @@ def a_plan(suite: Suite, case: str, *set_: str) -> Plan:
     )
 
 
+@pytest.mark.slow
 def test_a_decoy_that_is_read_as_an_id_that_a_part_can_show_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets every ID exist for decoys, whatever is configured: nobody is to miss that one is read as 17, say."""
     drawn = draw_take(PLAIN, UNIT.panels, 1, 0)
@@ -346,6 +351,7 @@ def test_what_cannot_be_is_said_in_one_line(arguments: tuple[str, ...], message:
     assert not Path("out/results.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """One line, once it has been waited for."""
     pytest.importorskip("distributed", reason="dask.distributed is not installed (extra: cluster)")
@@ -364,6 +370,7 @@ def test_a_picture_that_cannot_be_read_is_named() -> None:
         run("evaluate", "--recording", "take", "--id", "7", "--distance", "1")
 
 
+@pytest.mark.slow
 def test_who_breaks_off_does_not_wait_for_what_is_half_done(monkeypatch: pytest.MonkeyPatch) -> None:
     """As with Ctrl-C: a worker that is in the midst of a unit is ended, since nobody will ask for its result."""
     monkeypatch.setattr(workers_module, "run_unit", time.sleep)
@@ -377,6 +384,7 @@ def test_who_breaks_off_does_not_wait_for_what_is_half_done(monkeypatch: pytest.
     assert -signal.SIGTERM in [process.exitcode for process in workers]
 
 
+@pytest.mark.slow
 def test_workers_end_with_the_process_that_hands_out_the_work() -> None:
     """However that was ended: nobody is left to take what they do."""
     script = """

@@ -59,6 +59,7 @@ def frames_of(take: Take, count: int) -> list[Frame]:
     return list(photographed(take, take.scene, count))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", WILD)
 def test_a_panel_stands_where_its_row_says(row: str, takes: dict[str, list[Take]]) -> None:
     """At such a distance, turned by such an angle to either side, at any roll, wholly in view."""
@@ -162,6 +163,7 @@ def test_who_is_reported_the_corners_reads_the_panel(takes: dict[str, list[Take]
     assert read_with_oracle(turned, lens, "DICT_4X4_50", spec) == [None] * 4
 
 
+@pytest.mark.slow
 def test_takes_are_kept_as_recordings_with_truth(kept: Path) -> None:
     """One for each camera; a take's frames until the last that is judged, then a gap that no track survives."""
     assert sorted(path.name for path in kept.iterdir()) == ["mid00", "mid01", "near00", "near01"]

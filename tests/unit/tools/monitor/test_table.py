@@ -6,6 +6,7 @@ import io
 from typing import Any
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from ledpi.diagnosis.diagnose import Diagnosis, Kind, Note
@@ -53,6 +54,7 @@ def test_without_pictures_the_counts_of_reasons_are_told() -> None:
     assert "not read" not in shown(table)
 
 
+@pytest.mark.slow
 def test_what_is_wrong_with_the_daemon_is_said() -> None:
     """As `ledpi doctor` says it: of the last seconds."""
     table = live()

@@ -191,6 +191,7 @@ def test_frequencies_that_nearly_coincide_or_freeze_tell_less(near: View) -> Non
     assert nats(far, 1250.0, 2450.0, frames=4, rows=522) < nats(far, 1250.0, 2450.0, frames=4, rows=504) / 5
 
 
+@pytest.mark.slow
 def test_the_best_never_tell_less_than_the_present_pair() -> None:
     """First come those that at each distance give at least as much of what is needed, of one frame and of several."""
     asked = task(2.0, 8.0, rows=504)
@@ -323,6 +324,7 @@ def test_check_begins_with_its_verdict_and_exits_with_1_if_that_is_bad() -> None
     assert "panels.ids" not in run(*good, "--set", "panels.ids=[7]")[1]
 
 
+@pytest.mark.slow
 def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
     """One frame at 2.5 m, four frames at 8 m; with another duty one class would not fill the other's gaps."""
     asked = task(2.5, 8.0)
@@ -337,6 +339,7 @@ def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
     assert antiphase_proposals(replace(asked, duty=0.4), views) == []
 
 
+@pytest.mark.slow
 def test_an_antiphase_panel_is_checked_as_one() -> None:
     """One frequency for both classes is what it has; two are refused, and so are its null and its freezing, once."""
     one = ("--set", "panels.phase=antiphase", "--set", "panels.white_hz=1250")
@@ -362,6 +365,7 @@ def test_no_legend_covers_a_curve() -> None:
         assert not any(legend.get_window_extent().overlaps(box) for box in curves if box is not None)
 
 
+@pytest.mark.slow
 def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Five pairs and antiphase beside the present one, two plots, and lines that are loaded and found good."""
     monkeypatch.setattr("ledpi.tools.panel.reach._DRAWS", 5)
@@ -409,6 +413,7 @@ def test_the_table_begins_with_what_is_read_furthest() -> None:
     assert [round(row[2].carries_m2(), 1) for row in ordered] == [13.6, 12.1, 13.9, 12.6]
 
 
+@pytest.mark.slow
 def test_where_no_pair_is_read_further_yours_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """And the lines for config.yaml are of yours."""
     monkeypatch.setattr("ledpi.tools.panel.reach.reach_of", lambda *_: reach(1.7, 6.9))

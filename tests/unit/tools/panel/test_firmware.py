@@ -173,6 +173,7 @@ def test_without_a_compiler_the_sources_are_left(monkeypatch: pytest.MonkeyPatch
     assert Path("out/two_outputs.c").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(bool(missing_tools()), reason=f"not installed: {', '.join(missing_tools())}")
 @pytest.mark.parametrize("build", list(Build))
 def test_with_a_compiler_the_hex_is_made(build: Build) -> None:

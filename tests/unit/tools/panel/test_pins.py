@@ -94,6 +94,7 @@ def test_a_current_that_is_refused_names_one_that_is_not() -> None:
         plan_pins(4.8, 0.0075)
 
 
+@pytest.mark.slow
 def test_the_sheet_shows_each_cells_pin_from_both_sides() -> None:
     """Row by row from the front; the back is the mirror image."""
     sheet = Sheet(
@@ -118,6 +119,7 @@ def test_the_parts_are_sixteen_leds_and_no_transistor() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_command_writes_it() -> None:
     """And names what does not go with pins."""
     assert run("sheet", "7", "--direct", "--side", "0.12", "--out", "sheet").split() == ["sheet/panel-7.pdf"]
@@ -131,6 +133,7 @@ def test_the_command_writes_it() -> None:
     assert not Path("other").exists()
 
 
+@pytest.mark.slow
 def test_the_rooms_light_and_the_gains_noise_cost_range() -> None:
     """The guide's three figures are the tool's, and its lit room reads less far than its dark one."""
     guide = (Path(__file__).parents[4] / "docs/first-panel.md").read_text(encoding="utf-8")

@@ -133,6 +133,7 @@ def test_cells_without_room_for_their_leds_are_refused() -> None:
     assert body(side_mm=48.0).led_mm == 3.0
 
 
+@pytest.mark.slow
 def test_the_front_shows_the_word_and_the_back_its_mirror_image() -> None:
     """By where the letters are placed: row 0 at the top, column 0 at the left, the origin in the middle."""
     drawn = pages()
@@ -141,6 +142,7 @@ def test_the_front_shows_the_word_and_the_back_its_mirror_image() -> None:
     assert body().cell_centre_mm(3, 0) == (-60.0, -60.0)
 
 
+@pytest.mark.slow
 def test_the_rulers_are_true_to_scale(tmp_path: Path) -> None:
     """In the PDF's own units, on A4: rulers of 100 mm."""
     pdf = tmp_path / "panel-7.pdf"
@@ -153,6 +155,7 @@ def test_the_rulers_are_true_to_scale(tmp_path: Path) -> None:
     assert [round(mm, 3) for mm in flat].count(100.0) == 2  # a ruler on each of the two pages that are 1 : 1
 
 
+@pytest.mark.slow
 def test_the_frame_is_drawn_in_its_size() -> None:
     """180 mm on the page for a lit square of 160 mm, in the page's own coordinates; also where it takes several."""
     for side_mm in (160.0, 400.0):
@@ -178,6 +181,7 @@ def test_parts_of_a_large_panel_make_it_up() -> None:
         assert sum(left <= x < right and bottom <= y < top for left, right, bottom, top in bounds) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", ["front", "back"])
 def test_no_page_of_a_large_panel_shows_what_belongs_on_another(view: str) -> None:
     """Outside of a part's window there is nothing of the panel: no letter, pin or line, but marks and the ruler."""
@@ -204,6 +208,7 @@ def _ink(page: Page) -> np.ndarray:
     return np.asarray(canvas.buffer_rgba())[..., :3].min(axis=2) < 255
 
 
+@pytest.mark.slow
 def test_many_panels_of_any_grid() -> None:
     """A PDF for each ID, and each page as SVG."""
     told = run("3", "42", "--out", "sheets", "--set", "panels.dictionary=DICT_5X5_50")
@@ -227,6 +232,7 @@ def test_what_cannot_be_printed_is_refused_and_nothing_written() -> None:
     assert run("3", "--out", "sheets").splitlines()[1:] == [note]
 
 
+@pytest.mark.slow
 def test_the_same_panel_gives_the_same_sheet(tmp_path: Path) -> None:
     """No dates in it: a sheet can be kept beside the configuration."""
     one, two = tmp_path / "one", tmp_path / "two"
@@ -235,6 +241,7 @@ def test_the_same_panel_gives_the_same_sheet(tmp_path: Path) -> None:
     assert one.read_bytes() == two.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_is_one_error(tmp_path: Path) -> None:
     """And not what matplotlib makes of it, which was an error of zlib's."""

@@ -42,6 +42,7 @@ def test_what_cannot_be_made_names_what_can(hz: float, told: str) -> None:
         half_period(hz)
 
 
+@pytest.mark.slow
 @given(st.floats(min_value=122.08, max_value=20_000.0))
 def test_what_is_accepted_is_within_100_ppm_and_nothing_nearer_exists(hz: float) -> None:
     """For any frequency in the timer's range: made to 100 ppm with the best count, or refused because no count does."""

@@ -82,6 +82,7 @@ def looks_white_class(colour: Floats) -> bool:
     return red > blue
 
 
+@pytest.mark.slow
 def test_the_frame_is_shown_as_it_is(snapshot: Snapshot, drawn: Pixels) -> None:
     """On the left nothing is drawn over it: it is the frame, resized to the column."""
     height = round(LENS.height * COLUMN / LENS.width)
@@ -122,6 +123,7 @@ def test_what_was_dropped_is_outlined(snapshot: Snapshot, drawn: Pixels) -> None
     assert (nearby[:, 2] - nearby[:, 1]).max() > 40  # red stands out from the grey picture
 
 
+@pytest.mark.slow
 def test_axes_are_drawn_only_with_a_pose(drawn: Pixels) -> None:
     """Without intrinsics the panel is read and there is no pose, hence no axes."""
     uncalibrated = snapshot_of(calibrated=False)
@@ -152,6 +154,7 @@ def test_bands_are_what_the_light_is_beyond_the_static_picture(depth: float) -> 
     assert bands_of(samples_of(light)) == pytest.approx(ripple, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_panels_are_enlarged_before_what_was_dropped() -> None:
     """The panel with its place, then a lamp that blinks and shows no ID, with its number and what is wrong with it."""
     seen = snapshot_of(single_class_panel(LAMP))
@@ -259,6 +262,7 @@ def test_a_side_that_was_measured_again_is_stronger_than_the_recordings(
     assert float(depth_m[1]) == pytest.approx(1.6, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("take_folder")
 def test_the_way_to_a_late_frame_is_shown(tmp_path: Path) -> None:
     """Shows a camera's, on a terminal: it may take a while."""
@@ -331,6 +335,7 @@ def test_what_cannot_be_used_is_one_line_and_status_2(
     assert {path: path.read_bytes() for path in (take_folder / "frames").iterdir()} == sound
 
 
+@pytest.mark.slow
 def test_a_folder_whose_name_is_no_utf_8_is_drawn(take_folder: Path) -> None:
     """In a process of its own: OpenCV 5 would end it."""
     odd = Path(os.fsdecode(b"take\xff"))

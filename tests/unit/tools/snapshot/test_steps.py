@@ -310,6 +310,7 @@ def ledpi(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tm
     return in_process(monkeypatch, capfd)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["likelihood", "uemura"])
 def test_decode_draws_a_picture_a_frame(ledpi: Run, shelf: Path, tmp_path: Path, method: str) -> None:
     """Named by the frame's number, in a folder that is made; what is printed is what is printed without."""
@@ -340,6 +341,7 @@ def test_several_recordings_have_a_folder_each(ledpi: Run, shelf: Path, tmp_path
     assert errors.splitlines()[-1].startswith(f"ledpi: --steps {in_the_way}: cannot be made: ")
 
 
+@pytest.mark.slow
 def test_snapshot_draws_the_steps_too(ledpi: Run, shelf: Path, tmp_path: Path) -> None:
     """The same picture as decode's, of one frame."""
     out = tmp_path / "snap.png"
