@@ -10,6 +10,7 @@ import typer
 
 from ledpi.cli import app
 from ledpi.core.errors import ConfigError
+from ledpi.core.wording import one_line
 
 if TYPE_CHECKING:
     from ledpi.tools.backup import Kept
@@ -28,13 +29,17 @@ def backup(
     Example: ledpi backup robot.ledpi
     """
     from ledpi.config.settings import found_config
-    from ledpi.tools.backup import collect, pack
+    from ledpi.tools.backup import collect, pack, rules_left_out
     from ledpi.tools.calibrate.files import write_keeping_old
 
     files = collect(found_config(config))
     kept = write_keeping_old(out, pack(files), mode=0o600)
     for file in files:
         typer.echo(f"{file.kind}: {file.path or found_config(config)}")
+    for rule in rules_left_out(files):
+        typer.echo(
+            f"{rule}: is not in the backup, as it is not ledpi's own udev rule with your values; keep it yourself"
+        )
     typer.echo(f"{out}: written" + (f"; the older one is {kept}" if kept is not None else ""))
 
 
@@ -47,7 +52,8 @@ def restore(
 ) -> None:
     """Put back what `ledpi backup` saved.
 
-    Lens, map and dictionary go where the configuration names them. Everything is checked before anything is written,
+    Lens, map and dictionary go where the configuration inside names them: in its folder, below it or in /var/lib/ledpi.
+    A udev rule must be ledpi's own, with your values filled in. Everything is checked before anything is written,
     and each older file is kept as NAME.bak-1.
 
     Example: ledpi restore robot.ledpi --config /etc/ledpi/config.yaml
@@ -58,8 +64,8 @@ def restore(
     from ledpi.tools.calibrate.files import check_writable, write_keeping_old
 
     saved = unpack(path)
-    where = targets(saved, find_config(config) or Path("config.yaml"))
     _check(path, saved.files)
+    where = targets(saved, find_config(config) or Path("config.yaml"))
     typer.echo(f"{path}: made {saved.made} by ledpi {saved.made_by}")
     changed = [(to, file) for to, file in where if not to.is_file() or read_bytes(to, ConfigError) != file.content]
     for to, _ in changed:
@@ -68,7 +74,7 @@ def restore(
     check_writable(*(to for to, _ in changed))
     for to, file in changed:
         kept = write_keeping_old(to, file.content)
-        typer.echo(f"{file.kind}: {to}" + (f"; the older one is {kept}" if kept is not None else ""))
+        typer.echo(one_line(f"{file.kind}: {to}" + (f"; the older one is {kept}" if kept is not None else "")))
     if not changed:
         typer.echo("Everything is there already.")
     elif any(file.kind == "udev rule" for _, file in changed):
@@ -78,19 +84,17 @@ def restore(
 def _check(path: Path, files: list[Kept]) -> None:
     """Raises ConfigError where what is restored would be wrong: tried in a folder of its own."""
     from ledpi.config.check import mistakes_in
-    from ledpi.tools.backup import CONFIG, RULE
+    from ledpi.markers.dictionaries import FILE_ENDINGS
+    from ledpi.tools.backup import CONFIG, KEYS, RULE
 
     with tempfile.TemporaryDirectory(prefix="ledpi-restore-") as name:
         overrides = []
         for number, file in enumerate(files):
-            tried = Path(name) / f"{number}-{Path(file.path).name or 'config.yaml'}"
+            tried = Path(name) / f"{number}-{file.kind}{next(filter(file.path.endswith, FILE_ENDINGS), '.yaml')}"
             tried.write_bytes(file.content)
             if file.kind == CONFIG:
                 config = tried
             elif file.kind != RULE:
-                overrides.append(f"{_KEYS[file.kind]}={tried}")
+                overrides.append(f"{KEYS[file.kind]}={tried}")
         if mistakes := mistakes_in(config, overrides):
             raise ConfigError(f"{path}: {'; '.join(mistakes).replace(f'{name}/', '')}")
-
-
-_KEYS = {"lens": "camera.intrinsics", "map": "map", "dictionary": "panels.dictionary"}

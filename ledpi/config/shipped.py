@@ -13,8 +13,17 @@ _FOLDERS = ("examples", "systemd")
 
 def example() -> str:
     """The text of config.yaml: every key with its default and a comment. Raises InstallationError."""
+    return _text("config.yaml")
+
+
+def udev_rule() -> str:
+    """The text of 61-ledpi.rules. Raises InstallationError."""
+    return _text("systemd/61-ledpi.rules")
+
+
+def _text(name: str) -> str:
     try:
-        return (FOLDER / "config.yaml").read_text(encoding="utf-8")
+        return (FOLDER / name).read_text(encoding="utf-8")
     except OSError as error:
         raise InstallationError(f"{error.filename}: {error.strerror}; install ledpi again") from None
 

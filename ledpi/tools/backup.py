@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import io
 import json
+import lzma
 import os
 import re
+import struct
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,16 +23,25 @@ from ledpi import __version__
 from ledpi.config.check import mistakes_in
 from ledpi.config.settings import sections
 from ledpi.core.errors import ConfigError
-from ledpi.core.files import MAX_TEXT_BYTES, read_bytes
+from ledpi.core.files import MAX_TEXT_BYTES, parse_yaml, read_bytes
+from ledpi.core.wording import one_line, shortened_name
 from ledpi.markers.dictionaries import is_file
+from ledpi.tools.own_rule import foreign_line
 
 VERSION = 1  # of the archive's form
 CONTENTS = "ledpi-backup.json"
 RULES = Path("/etc/udev/rules.d")
+CALIBRATION = Path("/var/lib/ledpi")  # made by scripts/install
 CONFIG, LENS, MAP, DICTIONARY, RULE = "configuration", "lens", "map", "dictionary", "udev rule"
 KINDS = (LENS, MAP, DICTIONARY, RULE, CONFIG)  # in the order in which they are put back: what names the others, last
-MOST_FILES = 16
+KEYS = {LENS: "camera.intrinsics", MAP: "map", DICTIONARY: "panels.dictionary"}
+MOST_FILES = len(KINDS)  # one of each
 MAX_BYTES = MOST_FILES * MAX_TEXT_BYTES
+
+
+# What zipfile and json raise for an archive that is none: one that is locked, or packed in a way of its own, too.
+_BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, ValueError, KeyError, TypeError, AttributeError, EOFError,
+           OSError, RuntimeError, struct.error, OverflowError)  # fmt: skip
 
 
 class Kept(NamedTuple):
@@ -56,8 +67,14 @@ def collect(file: Path) -> list[Kept]:
     kept = [Kept(CONFIG, "", read_bytes(file, ConfigError))]
     for kind, path in _named(sections(file)):
         kept.append(Kept(kind, path, read_bytes(_beside(file, path), ConfigError)))
-    kept += [Kept(RULE, rule.name, read_bytes(rule, ConfigError)) for rule in sorted(RULES.glob("*-ledpi.rules"))]
-    return kept
+    rules = [Kept(RULE, rule.name, read_bytes(rule, ConfigError)) for rule in sorted(RULES.glob("*-ledpi.rules"))]
+    return kept + [rule for rule in rules if foreign_line(rule.content) is None][-1:]
+
+
+def rules_left_out(files: Sequence[Kept]) -> list[Path]:
+    """The udev rules here that `collect` did not take: with lines of other people's, or one of several."""
+    taken = {file.path for file in files if file.kind == RULE}
+    return [rule for rule in sorted(RULES.glob("*-ledpi.rules")) if rule.name not in taken]
 
 
 def pack(files: Sequence[Kept]) -> bytes:
@@ -83,32 +100,61 @@ def unpack(path: Path) -> Backup:
             head = json.loads(_member(archive, CONTENTS))
             version = head["ledpi_backup"]
             if version != VERSION:
-                by = f"made by ledpi {head.get('ledpi')}"
-                raise ConfigError(f"{path}: is a backup of version {version}, {by}; this ledpi reads version {VERSION}")
-            return Backup(str(head["ledpi"]), str(head["made"]), list(_files(archive, head["files"])))
-    except (zipfile.BadZipFile, zlib.error, ValueError, KeyError, TypeError, AttributeError, EOFError):
+                by = f"made by ledpi {shortened_name(head.get('ledpi'))}"
+                has = shortened_name(version)
+                raise ConfigError(f"{path}: is a backup of version {has}, {by}; this ledpi reads version {VERSION}")
+            by, made = (one_line(shortened_name(head[key])) for key in ("ledpi", "made"))
+            return Backup(by, made, list(_files(archive, head["files"])))
+    except _BROKEN:
         raise ConfigError(f"{path}: is no whole backup; must be a file that `ledpi backup` wrote") from None
 
 
 def targets(backup: Backup, file: Path) -> list[tuple[Path, Kept]]:
-    """Returns where each file goes, if the configuration is `file`; the configuration last."""
-    return sorted(((_target(kept, file), kept) for kept in backup.files), key=lambda one: KINDS.index(one[1].kind))
+    """Returns where each file goes, if the configuration is `file`; the configuration last.
+
+    The configuration inside says so, not the archive's own list: a lens goes where that says that a lens is. Raises
+    ConfigError where that is outside of its folder, and for a file that it does not name.
+    """
+    (config,) = (kept for kept in backup.files if kept.kind == CONFIG)
+    raw = parse_yaml(config.content.decode("utf-8-sig", "replace"), f"{file}, from the backup", ConfigError)
+    named = _paths(raw if isinstance(raw, dict) else {})
+    return sorted(
+        ((_target(kept, file, named), kept) for kept in backup.files), key=lambda one: KINDS.index(one[1].kind)
+    )
 
 
-def _target(kept: Kept, file: Path) -> Path:
+def _target(kept: Kept, file: Path, named: Mapping[str, str]) -> Path:
     if kept.kind == CONFIG:
         return file
-    return RULES / kept.path if kept.kind == RULE else _beside(file, kept.path)
+    if kept.kind == RULE:
+        if (line := foreign_line(kept.content)) is not None:
+            raise ConfigError(
+                f"{kept.path}: line {line} is not of ledpi's own udev rule; put it there by hand if it is yours"
+            )
+        return RULES / kept.path
+    path = named.get(kept.kind)
+    if path is None or path != kept.path:
+        raise ConfigError(
+            f"{shortened_name(kept.path)}: is in the backup, but its configuration names no such {kept.kind}"
+        )
+    to, folders = _beside(file, path), (file.absolute().parent, CALIBRATION)
+    if not any(Path(os.path.realpath(to.parent)).is_relative_to(os.path.realpath(folder)) for folder in folders):
+        where = f"below {folders[0]} or {CALIBRATION}"
+        raise ConfigError(
+            f"{KEYS[kept.kind]}: {shortened_name(path)} in the backup: must be {where}; nothing is written elsewhere"
+        )
+    return to
 
 
 def _files(archive: zipfile.ZipFile, contents: list[dict[str, Any]]) -> Iterator[Kept]:
-    if len(contents) > MOST_FILES or [one["kind"] for one in contents].count(CONFIG) != 1:
+    kinds = [one["kind"] for one in contents]
+    if len(contents) > MOST_FILES or CONFIG not in kinds or len(set(kinds)) < len(kinds):
         raise ValueError
     for one in contents:
         kind, path = one["kind"], one["path"]
         if kind not in KINDS or not isinstance(path, str) or "\0" in path:
             raise ValueError
-        if kind == RULE and not re.fullmatch(r"[\w-]+-ledpi\.rules", path):
+        if kind == RULE and not re.fullmatch(r"[A-Za-z0-9_-]{1,40}-ledpi\.rules", path):
             raise ValueError
         yield Kept(kind, path, _member(archive, one["name"]))
 
@@ -127,6 +173,15 @@ def _named(raw: dict[str, Any]) -> Iterator[tuple[str, str]]:
     words = panels.get("dictionary", "")
     named = {LENS: camera.get("intrinsics"), MAP: raw.get("map"), DICTIONARY: words if is_file(words) else None}
     yield from ((kind, path) for kind, path in named.items() if path is not None)
+
+
+def _paths(raw: dict[str, Any]) -> dict[str, str]:
+    """As `_named`, of a configuration that may hold anything."""
+    whole = {key: part for key, part in raw.items() if isinstance(part, dict) or key == "map"}
+    try:
+        return {kind: path for kind, path in _named(whole) if isinstance(path, str)}
+    except (TypeError, AttributeError):
+        return {}
 
 
 def _beside(file: Path, path: str) -> Path:

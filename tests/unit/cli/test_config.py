@@ -21,6 +21,7 @@ camera_matrix: {data: [640, 0, 320, 0, 640, 240, 0, 0, 1]}
 distortion_coefficients: {data: [0, 0, 0, 0, 0]}
 """
 MAP = "panels: {7: {position_m: [0, 0, 2], quaternion_wxyz: [1, 0, 0, 0]}}\n"
+RULE = (ROOT / "systemd/61-ledpi.rules").read_text().replace("# ENV", "ENV").replace("75833353035351E0D1A1", "A5-1")
 
 
 class Done(NamedTuple):
@@ -184,7 +185,7 @@ def robot(here: Path, ledpi: Ledpi) -> Path:
     )
     (folder / "lens/camera.yaml").write_text(LENS)
     (folder / "markers.yaml").write_text(MAP)
-    (here / "rules.d/60-ledpi.rules").write_text('ACTION=="add"\n')
+    (here / "rules.d/60-ledpi.rules").write_text(RULE)
     assert ledpi("backup", "robot.ledpi", "--config", folder / "config.yaml").status == 0
     return folder
 
@@ -197,7 +198,7 @@ def test_what_was_saved_comes_back_to_the_byte(here: Path, robot: Path, ledpi: L
     assert done.status == 0, done.err
     for name in ("config.yaml", "lens/camera.yaml", "markers.yaml"):
         assert (here / "other" / name).read_bytes() == (robot / name).read_bytes()
-    assert (here / "rules.d/60-ledpi.rules").read_text() == 'ACTION=="add"\n'
+    assert (here / "rules.d/60-ledpi.rules").read_text() == RULE
     assert "udevadm control --reload" in done.out
     assert "Everything is there already." in ledpi("restore", "robot.ledpi", "--config", here / "other/config.yaml").out
 
@@ -243,3 +244,35 @@ def test_what_is_no_whole_backup_is_refused(here: Path, robot: Path, ledpi: Ledp
     _changed(here / "robot.ledpi", backup.CONTENTS, head)
     assert "is no whole backup" in complaint(ledpi("restore", "robot.ledpi", "--config", here / "new.yaml"))
     assert not (here / "new.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("index", "changes", "said"),
+    [
+        (1, {"path": "../../escaped.yaml"}, "names no such lens"),
+        (1, {"kind": "map"}, "is no whole backup"),  # the second of its kind
+        (3, {"name": "1-camera.yaml"}, "60-ledpi.rules: line 1 is not of ledpi's own udev rule"),
+    ],
+)
+def test_an_archive_writes_nowhere_else(
+    index: int, changes: dict[str, str], said: str, here: Path, robot: Path, ledpi: Ledpi
+) -> None:
+    """Another path than the configuration says, two files for one place, a rule that is none of ours."""
+    with zipfile.ZipFile(here / "robot.ledpi") as archive:
+        head = json.loads(archive.read(backup.CONTENTS))
+    head["files"][index] |= changes
+    _changed(here / "robot.ledpi", backup.CONTENTS, json.dumps(head))
+    before = sorted(here.rglob("*"))
+    assert said in complaint(ledpi("restore", "robot.ledpi", "--config", here / "new/config.yaml"))
+    assert sorted(here.rglob("*")) == before
+
+
+def test_a_configuration_from_an_archive_names_files_below_its_folder(here: Path, robot: Path, ledpi: Ledpi) -> None:
+    """As root, else, a lens could be any file of the machine."""
+    outside = here / "outside.yaml"
+    outside.write_text(LENS)
+    ledpi("config", "set", f"camera.intrinsics={outside}", "--config", robot / "config.yaml")
+    assert ledpi("backup", "b", "--config", robot / "config.yaml").status == 0
+    outside.unlink()
+    assert "camera.intrinsics" in complaint(ledpi("restore", "b", "--config", robot / "config.yaml"))
+    assert not outside.exists()
