@@ -64,7 +64,7 @@ class Agenda:
     def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
         """Those whose turn it is and the likeliest, in alternation: new places, then those tried longest ago.
 
-        `candidates` come with the largest first; where bands are deep that order stays. Of those that are not likely one
+        `candidates` come with the largest first; where bands are deep that order stays. Of those not likely one
         has its turn. Places without a candidate are forgotten.
         """
         if not candidates:
