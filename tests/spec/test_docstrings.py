@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import ast
 
-import pytest
-
 from tests.builders import ROOT
 
 NEITHER = ("Of", "What", "Where", "Whether", "How")
 FOLDERS = ("ledpi", "benchmarks", "ros", "tests")
 
 
-@pytest.mark.slow
 def test_they_begin_with_a_noun_or_a_verb() -> None:
     """Each module's, class's and function's of these folders."""
     begins = [

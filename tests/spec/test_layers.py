@@ -147,14 +147,12 @@ def test_the_loops_know_nothing_of_what_calls_them() -> None:
     assert breaches(members("ledpi.kernels."), {"ledpi.decode", "ledpi.pose"}) == []
 
 
-@pytest.mark.slow
 def test_run_reaches_no_workshop_tool() -> None:
     """`run` leads to no calibration, panel design or evaluation. (Other commands stand behind ledpi.cli.)"""
     assert [module for module in RUN if not file_of(module)] == []  # where one is gone, this test must follow
     assert breaches(RUN, WORKSHOP, stop_at="ledpi.cli") == []
 
 
-@pytest.mark.slow
 def test_run_loads_no_workshop_tool() -> None:
     """With all loaded that `run` may ever load, no library has brought scipy or matplotlib in."""
     modules = sorted(reached_from(RUN, stop_at="ledpi.cli"))

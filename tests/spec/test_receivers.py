@@ -272,6 +272,7 @@ def test_a_full_line_is_received_without_loss(run: PinTrace) -> None:
     assert last == f"stop x 1500 y -250 mm; {PACKETS} good 0 lost {fixes} fixes 0 overruns"
 
 
+@pytest.mark.slow
 @needs_simavr
 def test_the_motors_stop_in_time(run: PinTrace) -> None:
     """From the first fix on the pin is high, through to the end of the fixes; then it falls once, for good.

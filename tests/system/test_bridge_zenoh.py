@@ -107,6 +107,7 @@ def test_a_node_hears_of_each_frame_that_the_bridge_has_sent(drive: Drive) -> No
     assert len(drive.reached) > len(told) / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", [*PANELS, "/ledpi/pose"])
 def test_a_node_hears_every_pose_with_its_covariance(drive: Drive, topic: str) -> None:
     """One for each frame that was sent; equal to the tap's."""
@@ -123,6 +124,7 @@ def test_a_node_hears_every_pose_with_its_covariance(drive: Drive, topic: str) -
         np.testing.assert_allclose(got.covariance, pose["covariance"], rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", PANELS)
 def test_a_node_hears_of_every_pose_in_tf(drive: Drive, topic: str) -> None:
     """The same, from the camera's optical frame to the panel's."""

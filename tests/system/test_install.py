@@ -102,6 +102,7 @@ def test_a_32_bit_system_is_refused_with_the_reason() -> None:
     assert said.endswith("status 2\n")
 
 
+@pytest.mark.slow
 def test_the_demo_keeps_its_environment_in_an_activated_shell(tmp_path: Path) -> None:
     """A `python3` that is the environment's own: that is neither cleared nor made of itself."""
     stubs = "bring_compiler() { :; }; install_into() { echo installed; }; "

@@ -173,6 +173,7 @@ def test_bad_files_change_nothing(tmp_path: Path) -> None:
         ended_in_time(process)
 
 
+@pytest.mark.slow
 def test_reloads_leave_nothing_behind(tmp_path: Path) -> None:
     """Each with another socket for the tap: threads, descriptors (one may be open for a moment), memory: 10 MB each."""
     file, held = tmp_path / "config.yaml", []
@@ -350,6 +351,7 @@ def test_a_device_runs_on_unless_it_would_be_set_up_otherwise(change: str, opene
     assert all(camera.closed for camera in Counted.opened)
 
 
+@pytest.mark.slow
 def test_a_camera_that_hangs_is_opened_again() -> None:
     """Its reader does not come back to be handed over."""
     config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
@@ -411,6 +413,7 @@ def fixes(line: Controller) -> list[FixMessage]:
     return [message for _, message in line.got if isinstance(message, FixMessage)]
 
 
+@pytest.mark.slow
 def test_a_reload_with_another_map_is_reported_with_each_fix(tmp_path: Path) -> None:
     """The panel hangs ten metres further, as no drive goes: fixes jump, and say so; with the same map they do not."""
     file, map_file = tmp_path / "config.yaml", tmp_path / "markers.yaml"

@@ -31,7 +31,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     write_recording(folder / "take", 30, rows=5 * 504)
     path = folder / "tap.sock"
     source = f"camera.source=recording:{folder / 'take'}"
-    with daemon(source, at(path), options=FOR_EVER) as process:
+    with daemon(source, at(path), "serial.port=/dev/nothing", options=FOR_EVER) as process:
         reach(path).close()
         yield path
         assert process.poll() is None
@@ -107,7 +107,7 @@ def test_the_configuration_says_what_the_command_line_gave(running: Path) -> Non
         answer = client.ask("config")
     assert answer["values"]["tap.socket"] == str(running)
     assert answer["from"]["tap.socket"] == "--set"
-    assert answer["from"]["serial.port"] == str(ROOT / "config.yaml")
+    assert answer["from"]["serial.baud"] == str(ROOT / "config.yaml")
 
 
 # ---- Its life

@@ -24,21 +24,13 @@ def examples(document: str) -> list[str]:
 
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder with frame.png, of panel 7 at 1 m, and camera.yaml."""
+    """A folder with a recording's picture, of panel 7 at 1 m, and camera.yaml."""
     monkeypatch.chdir(tmp_path)
-    cv2.imwrite("frame.png", pictures(1, distance_m=1.0)[0][0])
+    Path("take/frames").mkdir(parents=True)
+    cv2.imwrite("take/frames/000000.png", pictures(1, distance_m=1.0)[0][0])
     Path("markers.yaml").write_text("panels: {7: {position_m: [0, 0, 1], yaw_deg: 180}}\n", encoding="utf-8")
-    Path("camera.yaml").write_text(camera_yaml_text(INTRINSICS, {}), encoding="utf-8")
-
-
-@pytest.mark.usefixtures("desk")
-def test_the_readme_s_lines_read_a_picture(capsys: pytest.CaptureFixture[str]) -> None:
-    """Panel 7, its position, yaw and distance."""
-    (lines,) = examples("README.md")
-    exec(lines, {})
-    printed = capsys.readouterr().out.split()
-    assert printed[0] == "7"
-    assert float(printed[-1]) == pytest.approx(1.0, abs=0.005)
+    for lens in ("camera.yaml", "take/camera.yaml"):
+        Path(lens).write_text(camera_yaml_text(INTRINSICS, {}), encoding="utf-8")
 
 
 @pytest.mark.usefixtures("desk")

@@ -345,6 +345,7 @@ def packed(path: Path, data: bytes, *, says: int, by: str = "zstd") -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_bombs_take_no_memory(tmp_path: Path) -> None:
     """One line each: more than it says, a million empty records, an array of 300 million elements."""
     zeros = bytes(3 * 10**8)

@@ -92,6 +92,7 @@ def test_poses_are_those_of_decode_in_wpilibs_frames(log: dict[str, list[Any]], 
         assert np.linalg.norm(turned) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_pose_and_its_deviations_have_one_time(log: dict[str, list[Any]], wanted: list[dict[str, Any]]) -> None:
     """When the panel was exposed, on the recording's own clock."""
     poses, deviations = log["NT:/ledpi/panels/7/pose"], log["NT:/ledpi/panels/7/std_devs"]

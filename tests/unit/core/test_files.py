@@ -35,7 +35,7 @@ def test_a_key_given_twice_is_named_at_any_depth(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("key", ["7", '"7"', "007"])
 def test_an_id_is_the_same_in_quotes(tmp_path: Path, key: str) -> None:
-    """Of a panel's two places neither must win."""
+    """Neither of a panel's two places may win."""
     file = tmp_path / "x.yaml"
     file.write_text(f"7: 1\n{key}: 2\n")
     with pytest.raises(ConfigError, match=r"x\.yaml: line 2: 7 is there twice"):

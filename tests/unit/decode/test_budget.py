@@ -95,7 +95,7 @@ def followed_by(path: Pipeline) -> Pipeline:
 
 @pytest.mark.slow
 def test_followed_panels_share_a_budget_that_is_too_small_for_all() -> None:
-    """Where it suffices no panel waits; else none spends more than it may, and what has waited longest comes first."""
+    """No panel waits where it suffices; else none spends more than it may, and what has waited longest comes first."""
     path = followed_by(stream())
     assert WAITS not in {rejected.key for rejected in path.decode(in_a_room(8)).rejected}
     path.likelihood.search_budget = budget = TOO_SMALL

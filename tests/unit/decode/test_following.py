@@ -204,7 +204,7 @@ def test_a_panel_with_a_hidden_side_has_no_picture() -> None:
 
 
 def test_what_cells_show_of_each_wave() -> None:
-    """Of two waves, of one and its negative; and what no cell shows is shown by none."""
+    """Two waves are told apart, and one from its negative; what no cell shows is shown by none."""
     two = np.array([[0.0, 0.0, 0.03, 0.04], [0.02, 0.0, 0.0, 0.0], [0.02, 0.0, 0.0, 0.0]])
     assert shares_of(two).tolist() == [[0.0, 1.0], [1.0, 0.0], [1.0, 0.0]]
     assert shares_of(two[[0, 0]]).tolist() == [[0.0, 1.0], [0.0, 1.0]]

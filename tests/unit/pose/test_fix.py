@@ -257,7 +257,7 @@ def test_the_time_is_that_of_the_panels_mean_row() -> None:
 
 @pytest.mark.parametrize(("stream", "frames_later"), [(False, 0), (True, 40)])
 def test_frames_alone_and_after_half_a_second_have_no_past(stream: bool, frames_later: int) -> None:
-    """What one frame leaves open stays open, as with `ledpi decode --single-frame`; or the robot may have turned."""
+    """An ambiguity of one frame stays open, as with `ledpi decode --single-frame`; or the robot may have turned."""
     base, panels = mirror_pair()
     both = {**panels, 8: panel((2.5, 0.9, 1.2), 220)}
     driver = Driver(panels=both, stream=stream, sigma_m=0.002, sigma_rad=0.002)

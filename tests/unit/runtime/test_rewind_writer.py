@@ -74,6 +74,7 @@ def lines_of(text: str) -> list[dict[str, object]]:
     return without_times([json.loads(line) for line in text.splitlines()])
 
 
+@pytest.mark.slow
 def test_a_recording_from_the_daemons_start_decodes_as_it_did_live(drive: Stream, tmp_path: Path) -> None:
     """To the last bit, where each frame had a budget of its own: the command's lines are those of live.jsonl."""
     budgets = [[1, 1, 1_000_000][k % 3] for k in range(COUNT)]

@@ -250,6 +250,7 @@ def test_folders_and_files_that_cannot_be_used_are_named(tmp_path: Path, command
         assert "a.png: is not a picture that can be decoded" in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("side", "focal_px"), [("left", 973), pytest.param("right", 968, marks=pytest.mark.slow)])
 def test_real_pictures(
     side: str,

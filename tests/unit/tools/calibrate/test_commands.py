@@ -133,6 +133,7 @@ def test_a_duty_that_is_off_by_noise_is_not_written(command: Command, simulated:
     assert command("panel", "firmware", "--id", 7, "--black", 1250, "--white", 2450, "--out", "driver")[0] == 0
 
 
+@pytest.mark.slow
 def test_one_picture_over_and_over_is_refused(command: Command, simulated: Simulated) -> None:
     """A camera that hangs, or frames copied by hand: nothing moves, so nothing can be measured."""
     take = simulated(claimed={})
@@ -260,14 +261,13 @@ def test_what_moves_or_is_short_is_refused(command: Command, what: str) -> None:
 def test_a_configuration_that_cannot_be_written_is_reported_before_anything_is_measured(
     command: Command, tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
-    """Nobody makes a file in the kernel's folder that it is in; pictures, camera and drive are not even there."""
+    """Its name is so long that no new file can stand beside it; pictures, camera and drive are not even there."""
+    file = tmp_path / ("c" * 250)
     text = "panels: {side_m: 0.16}\ncamera: {source: 'v4l2:/dev/video99', row_time_us: 30}\n"
-    (tmp_path / "config.yaml").write_text(text)
-    with (tmp_path / "config.yaml").open() as opened:
-        file = f"/proc/self/fd/{opened.fileno()}"
-        status, _, err = command("calibrate", *arguments, "--config", file)
-    assert (status, err) == (2, f"ledpi: {file}: cannot be written: No such file or directory\n")
-    assert (tmp_path / "config.yaml").read_text() == text
+    file.write_text(text)
+    status, _, err = command("calibrate", *arguments, "--config", file)
+    assert (status, err) == (2, f"ledpi: {file}: cannot be written: File name too long\n")
+    assert file.read_text() == text
 
 
 def test_a_key_is_changed_and_comments_stay(tmp_path: Path) -> None:

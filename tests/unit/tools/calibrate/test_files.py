@@ -61,7 +61,7 @@ def test_a_link_stays_one(config: Path) -> None:
 
 
 def test_the_last_five_are_kept(config: Path) -> None:
-    """Of any number of changes."""
+    """Any number of changes leaves no more."""
     for number in range(8):
         write_keeping_old(config, str(number))
     kept = sorted(config.parent.glob("*.bak-*"))

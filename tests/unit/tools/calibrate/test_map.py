@@ -110,6 +110,7 @@ def test_panels_that_are_known_to_hang_upright_keep_the_map_level() -> None:
     assert off[1] < 0.75 * off[0]
 
 
+@pytest.mark.slow
 def test_deviations_grow_with_the_distance_from_the_origin() -> None:
     """The chain's end is known least, the origin is held."""
     places, result = mapped(1)

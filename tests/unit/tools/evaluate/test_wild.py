@@ -79,6 +79,7 @@ def test_a_panel_stands_where_its_row_says(row: str, takes: dict[str, list[Take]
     assert sides == {-1.0, 1.0}
 
 
+@pytest.mark.slow
 def test_only_ids_that_exist_are_drawn(takes: dict[str, list[Take]]) -> None:
     """Without panels.ids none that a part of another panel can show; with it these alone."""
     shown = {take.scene.panels[0].marker_id for own in takes.values() for take in own}
@@ -87,6 +88,7 @@ def test_only_ids_that_exist_are_drawn(takes: dict[str, list[Take]]) -> None:
     assert {draw_wild("near", two, 3, number).scene.panels[0].marker_id for number in range(8)} == {3, 7}
 
 
+@pytest.mark.slow
 def test_few_takes_cover_every_range() -> None:
     """Gives each eighth of each range, in value or in doublings, its eight of 64 takes, where dice might leave one."""
     assert [Span(1.0, 4.0, log=True).quantile(share) for share in (0.0, 0.5, 1.0)] == pytest.approx([1.0, 2.0, 4.0])
@@ -97,6 +99,7 @@ def test_few_takes_cover_every_range() -> None:
         assert np.histogram(at, edges)[0].tolist() == [8] * 8, name
 
 
+@pytest.mark.slow
 def test_a_later_take_does_not_depend_on_how_many_there_are() -> None:
     """Point 5 is the same when the sequence is drawn further than its first block."""
     before = drawn(CAMERA_SPANS, "far", 9, 5)
@@ -106,6 +109,7 @@ def test_a_later_take_does_not_depend_on_how_many_there_are() -> None:
     assert drawn(CAMERA_SPANS, "mid", 9, 5) != before
 
 
+@pytest.mark.slow
 def test_one_in_eight_has_a_dead_cell_or_a_hidden_strip(takes: dict[str, list[Take]]) -> None:
     """Four of 64 each, in every row."""
     for row, own in takes.items():
@@ -122,6 +126,7 @@ def depth(take: Take) -> float:
     return float(take.scene.panels[0].motion.scene_from_body(0.0)[2, 3])
 
 
+@pytest.mark.slow
 def test_everything_varies_at_once(takes: dict[str, list[Take]]) -> None:
     """Gives a good part of a row's takes each of what panels, rooms and cameras may be."""
     scenes = [take.scene for take in takes["near"]]
@@ -138,6 +143,7 @@ def test_everything_varies_at_once(takes: dict[str, list[Take]]) -> None:
     assert len({scene.sensor.row_time_us for scene in scenes}) == len(scenes) / TAKES_A_CAMERA
 
 
+@pytest.mark.slow
 def test_a_glossy_floor_lies_below_camera_and_panel(takes: dict[str, list[Take]]) -> None:
     """So that what it shows is below the panel in the picture."""
     floors = [(take, take.scene.floor) for own in takes.values() for take in own if take.scene.floor is not None]
@@ -149,6 +155,7 @@ def test_a_glossy_floor_lies_below_camera_and_panel(takes: dict[str, list[Take]]
         assert floor.y_m >= (corners_m @ pose.T + pose[:, 3])[:, 1].max() - 1e-9
 
 
+@pytest.mark.slow
 def test_who_is_reported_the_corners_reads_the_panel(takes: dict[str, list[Take]]) -> None:
     """A single frame by itself, a stream by all frames until then; other corners, or none that fit, tell nothing."""
     take = next(t for t in takes["mid"] if t.scene.panels[0].appearance.gap < 0.05 and t.peak_level > 0.5)
@@ -181,6 +188,7 @@ def test_takes_are_kept_as_recordings_with_truth(kept: Path) -> None:
     assert json.loads(lines[2])["gap"] == pytest.approx(drawn(TAKE_SPANS, "near", 3, 2)["gap"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_bound_on_recordings_counts_what_is_judged(kept: Path, tmp_path: Path) -> None:
     """Frames alone, or all but the first of each take; without truth there is none."""
     near, mid = load_recording(kept / "near00"), load_recording(kept / "mid00")
@@ -193,6 +201,7 @@ def test_the_bound_on_recordings_counts_what_is_judged(kept: Path, tmp_path: Pat
         bound_of(replace(near, truth=None), single=True)
 
 
+@pytest.mark.slow
 def test_an_id_that_is_not_there_is_wrong(kept: Path) -> None:
     """The bound holds what is read against the truth: where that names another panel, all that is read is wrong."""
     near = load_recording(kept / "near00")
@@ -203,6 +212,7 @@ def test_an_id_that_is_not_there_is_wrong(kept: Path) -> None:
     assert wrong == Bound(read=0, wrong=right.read, total=4)
 
 
+@pytest.mark.slow
 def test_a_short_run_tells_all_three(tmp_path: Path) -> None:
     """Two takes a row: ledpi, a reader given the true corners, and the print, in the frames that the row judges."""
     out = run("--suite", "wild", "--frames", "2", "--out", str(tmp_path / "out"), "--workers", "1")
@@ -218,6 +228,7 @@ def test_a_short_run_tells_all_three(tmp_path: Path) -> None:
     assert frames == {("near", "2"), ("oblique", "2"), ("mid", "4"), ("far", "6"), ("short", "2")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

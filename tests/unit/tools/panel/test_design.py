@@ -117,7 +117,7 @@ def even_evidence(each: float, depth: float) -> Evidence:
     information = np.zeros((16, 4, 16, 4))
     for cell in range(16):
         information[cell, :, cell, :] = each * np.eye(4)
-    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2), residual=0.0)
+    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2))
 
 
 def test_a_null_is_where_the_exposure_holds_whole_cycles() -> None:
@@ -150,13 +150,13 @@ def test_information_of_even_cells_is_its_definition() -> None:
     known = even_evidence(1000.0, 0.05)
     assert separation_nats(known, (0.05, 0.02)) == pytest.approx(0.5 * 1000 * (0.05**2 + 0.02**2))
     antiphase = Evidence(
-        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), residual=0.0
+        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2)
     )
     assert separation_nats(antiphase, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
 
 
 def test_information_foretells_likelihood_ratios(near: View) -> None:
-    """Of a rendered panel a cell taken for the other class costs, within a third, what a steady panel foretells."""
+    """In a rendered panel a cell taken for the other class costs, within a third, what a steady panel foretells."""
     asked = task(1.4)
     spec = asked.spec(1250.0, 2450.0)
     lens = replace(ov5647_lens(), distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
@@ -309,6 +309,7 @@ def test_what_cannot_be_done_is_refused(arguments: tuple[str, ...], says: str) -
     assert run("--distance", "inf")[0] == run("--distance", "nan")[0] == 2
 
 
+@pytest.mark.slow
 def test_check_begins_with_its_verdict_and_exits_with_1_if_that_is_bad() -> None:
     """As a script would use it; faster frames than the usual row time allows have faster rows."""
     status, output = run("--check", "1000", "2000")

@@ -171,6 +171,7 @@ def test_the_frame_is_drawn_in_its_size() -> None:
             assert (outer.width, outer.height) == pytest.approx((side_mm + 20, side_mm + 20))
 
 
+@pytest.mark.slow
 def test_parts_of_a_large_panel_make_it_up() -> None:
     """Each place of a panel of 40 cm, frame included, is on exactly one page."""
     windows = [page.figure.axes[1] for name, page in pages(400.0).items() if name.startswith("front")]
@@ -221,6 +222,7 @@ def test_many_panels_of_any_grid() -> None:
     assert re.search(r'width="595\.27\d*pt" height="841\.8\d*pt"', svg)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_printed_is_refused_and_nothing_written() -> None:
     """Not even for the other IDs; 10 m at 1 : 1 would be 55 × 43 pages."""
     with pytest.raises(ConfigError, match=r"ID 50: DICT_4X4_50 has the IDs 0 to 49"):
