@@ -11,10 +11,11 @@ import json
 import math
 import ssl
 import time
+from contextlib import suppress
 from typing import Any
 
 import paho.mqtt.client as paho
-from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
 from ledpi.bridge.password import read_password
 from ledpi.bridge.payload import JsonPayload, with_age
@@ -40,7 +41,28 @@ CODES = {  # as paho names them of either version
     "Bad user name or password": 4,
     "Not authorized": 5,
 }
+MAX_PACKET_BYTES = 1 << 20  # that a broker may send: more than any setup, the largest of what it has for us
+PUBLISH, WITH_QUALITY = 0x30, 0x06  # in the first byte of a packet: its type, and a quality of service above 0
 GONE = "gone"  # the state that the broker tells if we end without a word
+
+
+class _Client(paho.Client):
+    """paho's, bounded: by itself it keeps whatever a broker promises, up to 256 MB a packet, and 65,535 of them."""
+
+    def _sock_recv(self, bufsize: int) -> bytes:
+        if bufsize > MAX_PACKET_BYTES:
+            raise _too_much(self, f"a packet of {bufsize:,} bytes; must have {MAX_PACKET_BYTES:,} at most")
+        return super()._sock_recv(bufsize)
+
+    def _packet_handle(self) -> MQTTErrorCode:
+        command = self._in_packet["command"]
+        if command & 0xF0 == PUBLISH and command & WITH_QUALITY:
+            raise _too_much(self, "a message to be acknowledged, which nobody asked for")
+        return super()._packet_handle()
+
+
+def _too_much(client: paho.Client, what: str) -> TargetLostError:
+    return TargetLostError(f"{client.host}:{client.port}: the broker sends {what}; is a broker at this port?")
 
 
 class MqttTarget:
@@ -104,10 +126,11 @@ class MqttTarget:
         if client is not None and client.is_connected():
             client.publish(f"{self._topic}/status", _status(GONE), retain=True)
             client.disconnect()
-            client.loop(timeout=0.0)
+            with suppress(TargetLostError):
+                client.loop(timeout=0.0)
 
     def _new_client(self) -> paho.Client:
-        client = paho.Client(CallbackAPIVersion.VERSION2, protocol=paho.MQTTv311, reconnect_on_failure=False)
+        client = _Client(CallbackAPIVersion.VERSION2, protocol=paho.MQTTv311, reconnect_on_failure=False)
         client.connect_timeout = CONNECT_S
         client.will_set(f"{self._topic}/status", _status(GONE), qos=1, retain=True)
         if self._settings.user is not None:
