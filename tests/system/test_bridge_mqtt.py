@@ -220,6 +220,26 @@ def test_who_is_no_broker_is_told_of_and_tried_again(what: str, folder: Path) ->
 
 
 @pytest.mark.slow
+def test_robots_on_one_broker_are_told_apart(daemon: MadeUpDaemon, folder: Path) -> None:
+    """By topic, host and identifier; who shares a topic is told, and who is refused by its identifier too."""
+    far, own = Mqtt(folder, "allow_anonymous true", "allow_zero_length_clientid false"), socket.gethostname()
+    topic = f"ledpi/{own}"
+    far.start()
+    try:
+        far._subscriber.publish(f"{topic}/setup", '{"host": "other"}', retain=True)
+        wait_until(lambda: far.messages)
+        values = {"kind": "mqtt", "host": "127.0.0.1", "port": far.port}
+        with bridge(values, folder / "tap.sock", folder) as running:
+            told = {f"{topic}/{what}" for what in ("setup", "frame", "health")}
+            wait_until(lambda: told <= {name for name, data, _ in far.messages if json.loads(data).get("host") == own})
+            wait_until(lambda: "has a setup of other there" in running.log)
+    finally:
+        far.close()
+    with answering(b"\x20\x02\0\2") as port:
+        assert "the broker refuses the client identifier; set client_id" in refusal(values | {"port": port}, folder)
+
+
+@pytest.mark.slow
 def test_a_broker_fills_no_memory_with_what_nobody_asked_for(folder: Path) -> None:
     """Messages that must be acknowledged twice would be kept until then."""
     with (
