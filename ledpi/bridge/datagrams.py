@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import socket
+from contextlib import suppress
 
 from ledpi.bridge.payload import BytesTarget
 from ledpi.bridge.sockets import lost
+from ledpi.bridge.target import BridgeError, Line
 from ledpi.config.outputs import OutputSettings
 
 
@@ -26,7 +28,13 @@ class UdpTarget(BytesTarget):
         except OSError as error:
             raise lost(self._host, error) from None
         self._socket = socket.socket(family, kind, protocol)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)  # host may be all of a network
         self._socket.setblocking(False)
+
+    def tell_state(self, state: str, health: Line | None) -> None:
+        """Sends it, if that can be: of what is wrong the next frame tells."""
+        with suppress(BridgeError):
+            super().tell_state(state, health)
 
     def tick(self) -> None:
         """Nothing: there is no connection."""
@@ -39,5 +47,7 @@ class UdpTarget(BytesTarget):
         assert self._socket is not None
         try:
             return not data or self._socket.sendto(data, self._address) == len(data)
-        except OSError:  # no route, no room: the next one may pass
+        except BlockingIOError:  # no room: the next one may pass
             return False
+        except OSError as error:  # no route, too long: likewise, but a person may want to know
+            raise BridgeError(str(lost(self._host, error))) from None

@@ -8,30 +8,36 @@ nothing is published, as what lies in its buffer is old when it is read.
 from __future__ import annotations
 
 import json
+import logging
 import math
+import socket
 import ssl
 import time
+import uuid
+from contextlib import suppress
 from typing import Any
 
 import paho.mqtt.client as paho
-from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
 from ledpi.bridge.password import read_password
-from ledpi.bridge.payload import JsonPayload, with_age
+from ledpi.bridge.payload import JsonPayload, with_age, with_host
 from ledpi.bridge.sockets import keep_nothing_old, lost
 from ledpi.bridge.target import CONNECT_S, UNANSWERED_MS, BridgeError, Line, TargetLostError
 from ledpi.bridge.tls import refused, tls_context
 from ledpi.config.outputs import OutputSettings
+from ledpi.core.wording import shortened_name
+from ledpi.runtime.reporting import event
 from ledpi.tap.protocol import write_line
 
 BEHIND_S = 0.1  # without an acknowledgement: the broker is behind, and the next frames are dropped
 KEEPALIVE_S = 5  # a broker says after 1.5 times that that we are gone
 REFUSED = {  # MQTT 3.1.1's return codes of CONNACK that a person has to see to
     4: "refuses the user or the password; see user and password_file",
+    2: "refuses the client identifier; set client_id to one that it takes, such as 1 to 23 letters and digits",
     5: "does not let this user in; see user and password_file, and the broker's own lists",
 }
 LATER = {  # those that may pass
-    2: "refuses our identifier; look at its log",
     3: "is not available now; look at its log",
 }
 CODES = {  # as paho names them of either version
@@ -40,7 +46,30 @@ CODES = {  # as paho names them of either version
     "Bad user name or password": 4,
     "Not authorized": 5,
 }
+MAX_PACKET_BYTES = 1 << 20  # that a broker may send: more than any setup, the largest of what it has for us
+PUBLISH, WITH_QUALITY = 0x30, 0x06  # in the first byte of a packet: its type, and a quality of service above 0
 GONE = "gone"  # the state that the broker tells if we end without a word
+
+_log = logging.getLogger("ledpi.bridge")
+
+
+class _Client(paho.Client):
+    """paho's, bounded: by itself it keeps whatever a broker promises, up to 256 MB a packet, and 65,535 of them."""
+
+    def _sock_recv(self, bufsize: int) -> bytes:
+        if bufsize > MAX_PACKET_BYTES:
+            raise _too_much(self, f"a packet of {bufsize:,} bytes; must have {MAX_PACKET_BYTES:,} at most")
+        return super()._sock_recv(bufsize)
+
+    def _packet_handle(self) -> MQTTErrorCode:
+        command = self._in_packet["command"]
+        if command & 0xF0 == PUBLISH and command & WITH_QUALITY:
+            raise _too_much(self, "a message to be acknowledged, which nobody asked for")
+        return super()._packet_handle()
+
+
+def _too_much(client: paho.Client, what: str) -> TargetLostError:
+    return TargetLostError(f"{client.host}:{client.port}: the broker sends {what}; is a broker at this port?")
 
 
 class MqttTarget:
@@ -50,7 +79,11 @@ class MqttTarget:
         self._settings = settings
         self._where = "{}:{}".format(*settings.address)
         self._way = f"tls: {str(settings.tls).lower()}"
-        self._topic = settings.topic
+        self._topic = settings.base_topic
+        # By chance, so that two bridges of one machine, or of machines of one name, do not throw each other out.
+        self._client_id = settings.client_id or f"ledpi-bridge-{socket.gethostname()}-{uuid.uuid4().hex[:8]}"
+        self._may_subscribe = True
+        self._has_told_of_other = False
         self._payload = JsonPayload()
         self._password = None if settings.password_file is None else read_password(settings.password_file)
         self._client: paho.Client | None = None
@@ -74,9 +107,10 @@ class MqttTarget:
         except BaseException:
             connection.close()
             raise
+        self._listen(client)
 
     def tell_setup(self, hello: Line) -> None:
-        self._publish("setup", write_line(hello).rstrip(), keep=True)
+        self._publish("setup", write_line(with_host(hello)).rstrip(), keep=True)
 
     def send(self, frame: Line, now_ns: int) -> bool:
         if not self._has_room():
@@ -90,7 +124,7 @@ class MqttTarget:
         if not self._has_room():
             return
         if health is not None:
-            self._publish("health", write_line(health).rstrip())
+            self._publish("health", write_line(with_host(health)).rstrip())
         self._publish("status", _status(state), keep=True)
 
     def tick(self) -> None:
@@ -104,10 +138,13 @@ class MqttTarget:
         if client is not None and client.is_connected():
             client.publish(f"{self._topic}/status", _status(GONE), retain=True)
             client.disconnect()
-            client.loop(timeout=0.0)
+            with suppress(TargetLostError):
+                client.loop(timeout=0.0)
 
     def _new_client(self) -> paho.Client:
-        client = paho.Client(CallbackAPIVersion.VERSION2, protocol=paho.MQTTv311, reconnect_on_failure=False)
+        client = _Client(
+            CallbackAPIVersion.VERSION2, self._client_id, protocol=paho.MQTTv311, reconnect_on_failure=False
+        )
         client.connect_timeout = CONNECT_S
         client.will_set(f"{self._topic}/status", _status(GONE), qos=1, retain=True)
         if self._settings.user is not None:
@@ -116,6 +153,8 @@ class MqttTarget:
             client.tls_set_context(tls_context(self._settings.ca_file))
         client.on_connect = self._hear_welcome
         client.on_publish = self._hear_acknowledgement
+        client.on_subscribe = self._hear_subscribed
+        client.on_message = self._hear_setup
         self._waiting_s = {}
         return client
 
@@ -126,6 +165,31 @@ class MqttTarget:
         self, client: paho.Client, data: object, number: int, reason: object, more: object
     ) -> None:
         self._waiting_s.pop(number, None)
+
+    def _listen(self, client: paho.Client) -> None:
+        """Asks for the setup that is kept on our topic, before ours replaces it, and for those that replace ours.
+
+        Some brokers end the connection of who may not; then it is not asked again.
+        """
+        if self._may_subscribe:
+            self._may_subscribe = False  # until it is answered
+            client.subscribe(f"{self._topic}/setup", qos=0)
+
+    def _hear_subscribed(self, client: paho.Client, data: object, number: int, reasons: object, more: object) -> None:
+        self._may_subscribe = True
+
+    def _hear_setup(self, client: paho.Client, data: object, message: paho.MQTTMessage) -> None:
+        own = socket.gethostname()
+        try:
+            other = json.loads(message.payload).get("host", own)
+        except (ValueError, RecursionError, AttributeError):  # whatever anybody writes there
+            return
+        if other != own and not self._has_told_of_other:
+            self._has_told_of_other = True
+            said = (
+                f"{self._where}: has a setup of {shortened_name(other)} there, this is {own}; give each its own topic"
+            )
+            _log.warning(event("shared_topic", topic=self._topic, error=said))
 
     def _await_welcome(self, client: paho.Client) -> None:
         self._refused = None

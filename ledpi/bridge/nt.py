@@ -26,7 +26,7 @@ class NtTarget:
     def __init__(self, settings: OutputSettings) -> None:
         self._address = settings.address
         self._where = "{}:{}".format(*settings.address)
-        self._table = f"/{settings.topic}"
+        self._table = f"/{settings.base_topic}"
         self._photon_camera = settings.photon_camera
         self._size = (640, 480)  # of the picture
         self._instance: Any = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from abc import ABC, abstractmethod
 from typing import Literal, Protocol
@@ -36,6 +37,11 @@ def with_age(values: Line, now_ns: int) -> Line:
     return values | {"age_us": age_ns // 1000, "unix_ns": time.time_ns() - age_ns}
 
 
+def with_host(values: Line) -> Line:
+    """Adds which machine says it: many may send to one place."""
+    return values | {"host": socket.gethostname()}
+
+
 class BytesTarget(ABC):
     """A target that takes bytes: one write for each frame, and for the daemon's state."""
 
@@ -60,10 +66,10 @@ class JsonPayload:
     """The tap's own lines, each with its age."""
 
     def frame(self, frame: Line, now_ns: int) -> bytes:
-        return write_line(with_age(frame, now_ns))
+        return write_line(with_host(with_age(frame, now_ns)))
 
     def state(self, state: str, health: Line | None) -> bytes:
-        return write_line(health or {"type": "state", "state": state})
+        return write_line(with_host(health or {"type": "state", "state": state}))
 
 
 class WirePayload:

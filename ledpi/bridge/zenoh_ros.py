@@ -41,7 +41,7 @@ class ZenohTarget:
         self._where = f"{host}:{port}"
         self._endpoint = f"tcp/{f'[{host}]' if ':' in host else host}:{port}"
         self._domain = settings.domain
-        self._names = Names(topic=f"/{settings.topic}", camera_frame=settings.camera_frame)
+        self._names = Names(topic=f"/{settings.base_topic}", camera_frame=settings.camera_frame)
         self._session: Any = None
         self._publishers: dict[str, _Publisher] = {}
         self._tokens: list[Any] = []

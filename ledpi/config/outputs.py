@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,7 +19,7 @@ KEYS: dict[Kind, tuple[str, ...]] = {
     "stdout": ("format",),
     "udp": ("host", "port", "format"),
     "tcp": ("host", "port", "format"),
-    "mqtt": ("host", "port", "topic", "tls", "ca_file", "user", "password_file"),
+    "mqtt": ("host", "port", "topic", "client_id", "tls", "ca_file", "user", "password_file"),
     "nt": ("host", "port", "topic", "photon_camera"),
     "zenoh": ("host", "port", "topic", "domain", "camera_frame"),
 }
@@ -37,10 +38,15 @@ def _of_the_form(pattern: str, wanted: str) -> AfterValidator:
 
 # A unit's name holds it: ledpi-bridge@NAME.
 OutputName = Annotated[str, _of_the_form(r"[a-z][a-z0-9_-]{0,31}", "a name of small letters, digits, _ and -")]
-_WORD = r"[A-Za-z_][A-Za-z0-9_]*"  # as ROS 2 has it; MQTT and NetworkTables take it too
-Topic = Annotated[
+_WORD = r"[A-Za-z_][A-Za-z0-9_]*"
+RosName = Annotated[
     str, _of_the_form(rf"(?=.{{1,200}}$){_WORD}(/{_WORD})*", "words of letters, digits and _, with / between")
 ]
+_WIDER = r"[A-Za-z0-9_-]+"  # as hosts are named; ROS 2 has no -
+Topic = Annotated[
+    str, _of_the_form(rf"(?=.{{1,200}}$){_WIDER}(/{_WIDER})*", "words of letters, digits, _ and -, with / between")
+]
+ClientId = Annotated[str, _of_the_form(r"[!-~]{1,200}", "1 to 200 letters, digits and signs, without blanks")]
 
 
 class OutputSettings(Section):
@@ -50,14 +56,15 @@ class OutputSettings(Section):
     host: Annotated[str, Field(min_length=1, max_length=253)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] | None = None
     format: Literal["json", "wire"] = "json"
-    topic: Topic = "ledpi"
+    topic: Topic | None = None  # see `base_topic`
+    client_id: ClientId | None = None
     tls: bool = False
     ca_file: Path | None = None
     user: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     password_file: Path | None = None
     photon_camera: Annotated[str, _of_the_form(r"[^/]{1,60}", "a name without /")] | None = None
     domain: Annotated[int, Field(ge=0, le=232)] = 0
-    camera_frame: Topic = "camera_optical_frame"
+    camera_frame: RosName = "camera_optical_frame"
 
     @model_validator(mode="after")
     def _has_keys_of_its_kind(self) -> Self:
@@ -68,6 +75,8 @@ class OutputSettings(Section):
             raise ValueError(f"must have a host: the address that {self.kind} sends to")
         if "port" in takes and self.port is None and self.kind not in PORTS:
             raise ValueError(f"must have a port; {self.kind} has none of its own")
+        if self.kind == "zenoh" and self.topic is not None and not re.fullmatch(rf"{_WORD}(/{_WORD})*", self.topic):
+            raise ValueError(f"has topic {self.topic}; ROS 2's words have letters, digits and _, a digit never first")
         if self.ca_file is not None and not self.tls:
             raise ValueError("has ca_file, which needs tls: true")
         if (self.password_file is None) != (self.user is None):
@@ -80,6 +89,13 @@ class OutputSettings(Section):
         assert self.host is not None
         usual = MQTT_TLS_PORT if self.tls else PORTS.get(self.kind, 0)
         return self.host, self.port or usual
+
+    @property
+    def base_topic(self) -> str:
+        """The beginning of all topics. One broker serves many robots, so there it has this machine's name."""
+        if self.topic is not None or self.kind != "mqtt":
+            return self.topic or "ledpi"
+        return f"ledpi/{re.sub(r'[^A-Za-z0-9_-]', '_', socket.gethostname().partition('.')[0]) or 'localhost'}"
 
     def resolve_paths(self, absolute: Callable[[Path, str], Path]) -> OutputSettings:
         """The same, its files by their whole paths, as `absolute` makes them of a path and its key."""

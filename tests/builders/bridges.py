@@ -199,6 +199,10 @@ class Mqtt(Far):
         self._config.write_text(text + "\n", encoding="utf-8")
         self._subscriber: Any = None
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        return super().settings | {"topic": "ledpi"}
+
     def start(self) -> None:
         assert MOSQUITTO is not None
         self._broker = subprocess.Popen(
@@ -255,7 +259,14 @@ class Secure(Mqtt):
 
     @property
     def settings(self) -> dict[str, Any]:
-        values = {"kind": "mqtt", "host": "localhost", "port": self.port, "tls": True, "user": "robot"}
+        values = {
+            "kind": "mqtt",
+            "host": "localhost",
+            "port": self.port,
+            "topic": "ledpi",
+            "tls": True,
+            "user": "robot",
+        }
         return values | {"ca_file": f"{self.folder}/ca.pem", "password_file": f"{self.folder}/password"}
 
     def prepare(self, client: Any) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +17,7 @@ import pytest
 from tests.builders.bridges import MOSQUITTO, Far, Mqtt, Nt, Running, Stdout, Tcp, Udp, Zenoh, bridge
 from tests.builders.made_up_daemon import MadeUpDaemon
 from tests.builders.tap import Raw
-from tests.builders.waiting import wait_until
+from tests.builders.waiting import limit_s, wait_until
 
 MAX_AGE_US = 100_000  # serial.max_age_ms
 FIRST = 1000  # the number of the first frame
@@ -130,6 +131,16 @@ def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(
     if not isinstance(far, Udp | Nt | Zenoh):  # which loses some, or whose messages carry the time of their exposure
         assert skipped > 125 - 2 * IN_ITS_BUFFERS
     assert running.process.poll() is None
+
+
+def test_all_of_a_network_get_datagrams(daemon: MadeUpDaemon, tmp_path: Path) -> None:
+    """By its broadcast address, which the kernel permits only to who asks for it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("", 0))
+        listener.settimeout(limit_s())
+        far = {"kind": "udp", "host": "127.255.255.255", "port": listener.getsockname()[1]}
+        with bridge(far, tmp_path / "tap.sock", tmp_path):
+            assert b"decoded" in listener.recv(1 << 16) + listener.recv(1 << 16)
 
 
 @pytest.mark.slow

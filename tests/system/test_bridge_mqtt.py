@@ -202,6 +202,7 @@ ANSWERS = {
     "garbage": (bytes(range(256)), "answers as no broker does; is the port right for tls: false?"),
     "nothing": (None, "takes the connection and says nothing; is a broker at this port?"),
     "unavailable": (b"\x20\x02\x00\x03", "the broker is not available now; look at its log"),
+    "256 MB": (b"\x20\xff\xff\xff\x7f", "the broker sends a packet of 268,435,455 bytes; must have 1,048,576 at most"),
 }
 
 
@@ -216,6 +217,36 @@ def test_who_is_no_broker_is_told_of_and_tried_again(what: str, folder: Path) ->
             wait_until(lambda: said in running.log)
             wait_until(lambda: running.process.poll() is None)
             assert running.log.count("target_lost") == 1
+
+
+@pytest.mark.slow
+def test_robots_on_one_broker_are_told_apart(daemon: MadeUpDaemon, folder: Path) -> None:
+    """By topic, host and identifier; who shares a topic is told, and who is refused by its identifier too."""
+    far, own = Mqtt(folder, "allow_anonymous true", "allow_zero_length_clientid false"), socket.gethostname()
+    topic = f"ledpi/{own}"
+    far.start()
+    try:
+        far._subscriber.publish(f"{topic}/setup", '{"host": "other"}', retain=True)
+        wait_until(lambda: far.messages)
+        values = {"kind": "mqtt", "host": "127.0.0.1", "port": far.port}
+        with bridge(values, folder / "tap.sock", folder) as running:
+            told = {f"{topic}/{what}" for what in ("setup", "frame", "health")}
+            wait_until(lambda: told <= {name for name, data, _ in far.messages if json.loads(data).get("host") == own})
+            wait_until(lambda: "has a setup of other there" in running.log)
+    finally:
+        far.close()
+    with answering(b"\x20\x02\0\2") as port:
+        assert "the broker refuses the client identifier; set client_id" in refusal(values | {"port": port}, folder)
+
+
+@pytest.mark.slow
+def test_a_broker_fills_no_memory_with_what_nobody_asked_for(folder: Path) -> None:
+    """Messages that must be acknowledged twice would be kept until then."""
+    with (
+        answering(b"\x20\x02\0\0" + b"\x34\x05\0\1a\0\1") as port,
+        bridge({"kind": "mqtt", "host": "127.0.0.1", "port": port}, folder / "tap.sock", folder) as running,
+    ):
+        wait_until(lambda: "the broker sends a message to be acknowledged, which nobody asked for" in running.log)
 
 
 @contextmanager

@@ -22,7 +22,8 @@ MISTAKES = [
     ("{a: {kind: udp, host: x, port: 5, tls: true}}", "outputs.a: has tls, which is not for udp; udp takes host, port"),
     ("{a: {kind: mqtt, host: x, ca_file: c.pem}}", "outputs.a: has ca_file, which needs tls: true"),
     ("{a: {kind: mqtt, host: x, user: me}}", "outputs.a: must have user and password_file together"),
-    ("{a: {kind: mqtt, host: x, topic: 'a/#'}}", "outputs.a.topic: must be words of letters, digits and _"),
+    ("{a: {kind: mqtt, host: x, topic: 'a/#'}}", "outputs.a.topic: must be words of letters, digits, _ and -"),
+    ("{a: {kind: zenoh, host: x, topic: robot-1}}", "outputs.a: has topic robot-1; ROS 2's words have letters"),
     ("{A B: {kind: stdout}}", "outputs.A B: must be a name of small letters"),
     ("{a: {kind: mqtt, host: x, password: secret}}", "outputs.a.password: unknown key; did you mean password_file?"),
 ]
