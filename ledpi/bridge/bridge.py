@@ -23,6 +23,7 @@ TICK_S = 0.1
 RETRY_DAEMON_S = 0.3
 BACKOFF_FIRST_S, BACKOFF_LAST_S = 0.1, 0.5
 REPORT_S = 60.0
+ALL_STALE_NS = 5_000_000_000  # so long nothing but old frames: this computer is too slow
 
 _log = logging.getLogger("ledpi.bridge")
 
@@ -57,6 +58,7 @@ class Bridge:
         self._is_open = False
         self._stopping = False
         self._said: str | None = None  # of the target's absence, the last time
+        self._stale_since_ns: int | None = None  # when the first was of those with no newer one between; 0: it was told
         self._unfit: str | None = None  # of a frame that could not be sent, the last time
         self._retry_s, self._backoff_s = 0.0, BACKOFF_FIRST_S
         self._tap: Client | None = None
@@ -120,6 +122,7 @@ class Bridge:
             return
         try:
             if mail.setup is not None:
+                self._stale_since_ns = None
                 self._target.tell_setup(mail.setup)
             if mail.state is not None or mail.health is not None:
                 self._target.tell_state(self._state, mail.health)
@@ -133,10 +136,23 @@ class Bridge:
         now_ns, exposed_ns = time.monotonic_ns(), frame.get("exposed_ns")
         if not isinstance(exposed_ns, int) or now_ns - exposed_ns > self._max_age_ns:
             self.counters.stale += 1
-        elif self._takes(frame, now_ns):
+            self._note_stale(now_ns)
+            return
+        self._stale_since_ns = None
+        if self._takes(frame, now_ns):
             self.counters.sent += 1
         else:
             self.counters.refused += 1
+
+    def _note_stale(self, now_ns: int) -> None:
+        """Says it once of each time in which nothing was new enough."""
+        if self._stale_since_ns is None:
+            self._stale_since_ns = now_ns
+        elif self._stale_since_ns and now_ns - self._stale_since_ns >= ALL_STALE_NS:
+            self._stale_since_ns = 0
+            said = f"for 5 s every frame was older than {self._max_age_ns / 1e6:g} ms when its turn came"
+            then = f"end other programs, take a smaller picture, or a larger outputs.{self._name}.max_age_ms"
+            _log.warning(event("all_stale", output=self._name, error=said, then=then))
 
     def _takes(self, frame: Line, now_ns: int) -> bool:
         """Tells whether the target has it now. A frame that fits no message of it is refused, and stops nothing."""
@@ -167,7 +183,7 @@ class Bridge:
                 raise
             self._lose(error)  # it was well once, as a certificate before its end: the other side may put it right
             return False
-        self._said, self._backoff_s = None, BACKOFF_FIRST_S
+        self._said, self._backoff_s, self._stale_since_ns = None, BACKOFF_FIRST_S, None
         self.counters.opened += 1
         _log.info(event("target_open", output=self._name))
         return False  # what has waited meanwhile is not new any more

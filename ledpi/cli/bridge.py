@@ -43,7 +43,8 @@ def bridge(
         raise ConfigError(f"outputs.{name}: is not in the configuration; it has: {known}")
     target = open_target(name, settings.outputs[name])
     only_of = settings.file if settings.tap.socket == AUTO else None  # else it was chosen
-    running = Bridge(name, target, socket_path, settings.serial.max_age_ms, only_of)
+    max_age_ms = settings.outputs[name].max_age_ms or settings.serial.max_age_ms
+    running = Bridge(name, target, socket_path, max_age_ms, only_of)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: running.stop())
     running.run()

@@ -11,17 +11,17 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 from typing_extensions import Self
 
-from ledpi.config.values import Section
+from ledpi.config.values import MaxAgeMs, Section
 
 Kind = Literal["stdout", "udp", "tcp", "mqtt", "nt", "zenoh"]
 # The keys that each kind takes beside `kind`, and its port where none is given. Those with `host` need one.
 KEYS: dict[Kind, tuple[str, ...]] = {
-    "stdout": ("format",),
-    "udp": ("host", "port", "format"),
-    "tcp": ("host", "port", "format"),
-    "mqtt": ("host", "port", "topic", "client_id", "tls", "ca_file", "user", "password_file"),
-    "nt": ("host", "port", "topic", "photon_camera"),
-    "zenoh": ("host", "port", "topic", "domain", "camera_frame"),
+    "stdout": ("format", "max_age_ms"),
+    "udp": ("host", "port", "format", "max_age_ms"),
+    "tcp": ("host", "port", "format", "max_age_ms"),
+    "mqtt": ("host", "port", "topic", "client_id", "tls", "ca_file", "user", "password_file", "max_age_ms"),
+    "nt": ("host", "port", "topic", "photon_camera", "max_age_ms"),
+    "zenoh": ("host", "port", "topic", "domain", "camera_frame", "max_age_ms"),
 }
 PORTS: dict[Kind, int] = {"mqtt": 1883, "nt": 5810, "zenoh": 7447}
 MQTT_TLS_PORT = 8883
@@ -53,6 +53,7 @@ class OutputSettings(Section):
     """One of `outputs`. Which keys it takes depends on its kind."""
 
     kind: Kind
+    max_age_ms: MaxAgeMs | None = None  # that of `serial`
     host: Annotated[str, Field(min_length=1, max_length=253)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] | None = None
     format: Literal["json", "wire"] = "json"

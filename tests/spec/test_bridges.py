@@ -144,6 +144,18 @@ def test_all_of_a_network_get_datagrams(daemon: MadeUpDaemon, tmp_path: Path) ->
 
 
 @pytest.mark.slow
+def test_a_computer_that_is_too_slow_is_told_of(daemon: MadeUpDaemon, tmp_path: Path) -> None:
+    """Once, while all is older than this output's own limit; with what would help."""
+    daemon.frame = {"exposed_ns": time.monotonic_ns() - 10**9}
+    far = {"kind": "udp", "host": "127.0.0.1", "port": 9, "max_age_ms": 250}
+    with bridge(far, tmp_path / "tap.sock", tmp_path) as running:
+        wait_until(lambda: "a larger outputs.far.max_age_ms" in running.log)
+        shows(daemon, 20)
+        assert running.log.count("for 5 s every frame was older than 250 ms") == 1
+        assert running.end()["sent"] == 0
+
+
+@pytest.mark.slow
 def test_a_far_end_that_blocks_delays_no_other_follower_of_the_tap(far: Far, running: Running, tmp_path: Path) -> None:
     """They get every frame."""
     far.block()
