@@ -64,8 +64,8 @@ class Agenda:
     def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
         """Those whose turn it is and the likeliest, in alternation: new places, then those tried longest ago.
 
-        `candidates` come with the largest first; where bands are deep that order stays. Of those not likely one
-        has its turn. Places without a candidate are forgotten.
+        `candidates` come as a frame by itself would try them; of those that are not likely one has its turn. Places
+        without a candidate are forgotten.
         """
         if not candidates:
             self.middles, self.turns = self.middles[:0], self.turns[:0]
@@ -80,8 +80,6 @@ class Agenda:
             self.middles, self.turns = self.middles[kept], self.turns[kept]
         by_turn = np.argsort(last, kind="stable").tolist()
         likely = [k for k, one in enumerate(candidates) if one.likely]
-        if not any(one.dark_rows for one in candidates):  # else as `alone` has it
-            likely.sort(key=lambda k: -candidates[k].evidence)
         by_turn = [k for k in by_turn if candidates[k].likely], [k for k in by_turn if not candidates[k].likely]
         both = [k for pair in zip(by_turn[0], likely, strict=True) for k in pair] + by_turn[1][:1]
         return [candidates[k] for k in dict.fromkeys(both)]

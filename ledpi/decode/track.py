@@ -117,18 +117,15 @@ class Tracker:
         return sorted(known, key=lambda t: t.state.seen_ns)
 
     def unread_tracks(self) -> list[Track]:
-        """The tracks of other squares, which may become panels: of the last frame, or it had no time for them.
-
-        The longest unseen first, and of those the newest.
+        """The tracks of other squares of the last frame, which may become panels; the newest first.
 
         A square that overlaps a panel is a part of it, or its surroundings. One that many frames have shown without a
         reading is a lamp or a window.
         """
         seen = [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._now_ns]
         self._tracks = [t for t in self._tracks if t in seen or not any(_overlap(t.place, p.place) for p in seen)]
-        others = [t for t in self._tracks if not t.history.identity and (t.waits or t.state.seen_ns == self._before_ns)]
-        followed = [t for t in reversed(others) if t.history.frames < FOLLOWED_FRAMES.get(t.history.state, math.inf)]
-        return sorted(followed, key=lambda t: t.state.seen_ns)
+        others = [t for t in self._tracks if not t.history.identity and t.state.seen_ns == self._before_ns]
+        return [t for t in reversed(others) if t.history.frames < FOLLOWED_FRAMES.get(t.history.state, math.inf)]
 
     def continue_track(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The quad that was fitted at the track's prediction, in the track's order; None if it cannot be the track's.

@@ -83,9 +83,9 @@ class LikelihoodPath:
         reserved = int(SEARCH_SHARE * self.search_budget) if self._agenda.is_due_next else 0
         yield self._identify(frame, self._follow(frame, self._tracker.read_tracks(), most - reserved, work), work)
         for track in self._tracker.unread_tracks():
-            track.waits = self._locator.spent >= most - reserved
-            if not track.waits:
-                yield self._identify(frame, self._follow(frame, [track], most - reserved, work), work)
+            if self._locator.spent >= most:
+                break
+            yield self._identify(frame, self._follow(frame, [track], most, work), work)
         if self._agenda.is_due(self._tracker.panels_shown()):
             yield from self._search(frame, most, work)
 

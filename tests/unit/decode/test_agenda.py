@@ -33,14 +33,6 @@ def test_the_best_is_looked_at_first_and_in_every_frame() -> None:
     assert all(0 in looked_at(agenda, proposed, budget=2) for _ in range(6))
 
 
-def test_between_turns_the_likeliest_is_looked_at_though_it_is_not_the_largest() -> None:
-    """The last of ten, in each frame's second look; with dark bands, of which a glance cannot tell, the largest."""
-    agenda, proposed = Agenda(), candidates(*ROW)
-    proposed = [one._replace(evidence=20.0 + (k == 9)) for k, one in enumerate(proposed)]
-    assert all(9 in looked_at(agenda, proposed, budget=2) for _ in range(6))
-    assert all(0 in looked_at(agenda, [one._replace(dark_rows=9) for one in proposed], budget=2) for _ in range(6))
-
-
 @pytest.mark.parametrize("budget", [1, 2, 3, 4])
 def test_everybody_gets_a_turn(budget: int) -> None:
     """The first look is by turn, and every other: ten candidates are all looked at, and again, where one takes all."""
