@@ -84,6 +84,19 @@ REASONS: dict[str, Explained] = {
         "one panel is seen, and its mirror pose is not excluded", "show two panels; panels.upright: true"
     ),
     "fix.panels_contradict": Explained("panels contradict the map", "correct the map"),
+    "state.not_started": Explained(
+        "no panel that leaves no choice has been seen yet, or nothing for so long that the robot may be anywhere",
+        "show a panel of the map, from nearer or from aside",
+    ),
+    "state.not_in_map": Explained("the state was shown a panel that is not in the map", "add it to the map"),
+    "state.no_pose": Explained("a panel without a pose or its covariance", "calibrate the lens"),
+    "state.too_old": Explained("it arrived more than 2 s late", "check the controller's clock"),
+    "state.in_future": Explained("its time is after it arrived", "check the controller's clock"),
+    "state.no_number": Explained("a total of the odometry is not finite", "check the controller"),
+    "state.odometry_leap": Explained(
+        "totals differ by more than wheels can do (10 m/s, 20 rad/s): they begin anew",
+        "set the flag restarted where they do",
+    ),
     "uemura.no_square": Explained("with decode.method: uemura only: no square", "use likelihood"),
     "uemura.cell_without_bands": Explained(
         "with decode.method: uemura only: a cell shows no bands", "use likelihood, or a shorter exposure"

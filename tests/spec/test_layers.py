@@ -19,6 +19,7 @@ PURE = [
     "ledpi.decode.",
     "ledpi.uemura.",
     "ledpi.pose.",
+    "ledpi.state.",
     "ledpi.kernels.",
     "ledpi.markers.codewords",
     "ledpi.core.shutter",
@@ -65,7 +66,7 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
-    *("core", "markers", "kernels", "pose", "decode", "uemura", "config", "recording", "simulate", "camera"),
+    *("core", "markers", "kernels", "pose", "state", "decode", "uemura", "config", "recording", "simulate", "camera"),
     *("pipeline", "diagnosis", "api", "wire", "tap", "runtime", "ros", "bridge", "bags", "tools", "view", "cli"),
 )
 

@@ -1,0 +1,242 @@
+"""A filter that may be wrong: the robot was carried off, or a panel hangs elsewhere than the map says.
+
+What a look at a panel refuses begins a rival: the same filter, started at what that panel says. Each has its witnesses,
+panels that agree with it. No panel is a witness in its own case, and two must agree before a third is accused.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ledpi.core.records import MAX_GAP_NS, Floats
+from ledpi.pose.branches import EXCLUDED_BY
+from ledpi.state.filter import GATE, MIRROR_LEAD, Filter, Innovation
+from ledpi.state.motion import POSE, YAW, Step
+from ledpi.state.records import Event, EventKind, Look, wrapped
+
+MISPLACED = 0.5**2  # variance, m² and rad², of how far off a panel is that was hung or measured wrong
+AGREES = -EXCLUDED_BY / 2  # χ² by which a look says that its panel hangs right, and no other way
+REPEATED = 3  # looks, 50 ms apart, that are no slip of the decoder
+SETTLES_NS = 500_000_000  # a panel that agreed before, and for so long only with the rival, shows that the robot moved
+MOST_EVENTS = 16
+
+
+@dataclass(slots=True)
+class Belief:
+    """A filter, and the panels that it rests on."""
+
+    filter: Filter
+    # Those that agree with it, and the pose's covariance before they were first seen; None of the one it began with.
+    witnesses: dict[int, Floats | None] = field(default_factory=dict)
+    seen_ns: dict[int, int] = field(default_factory=dict)
+
+    def copy(self) -> Belief:
+        return Belief(self.filter.copy(), self.witnesses.copy(), self.seen_ns.copy())
+
+    def start(self, look: Look) -> None:
+        self.filter.start(look)
+        self.witnesses, self.seen_ns = {look.panel: None}, {look.panel: look.t_ns}
+
+    def hear(self, look: Look, innovation: Innovation) -> bool:
+        """Uses a look, if it may be of where the robot is. Returns whether.
+
+        The gate decides, but for the first look at a panel for a while at which no other one speaks for what the state
+        rests on: that look must agree. It makes the panel a witness; later looks find its own word in the state.
+        Where it could not have told, the state was too vague, and from now on rests on this panel.
+        """
+        panel = look.panel
+        if innovation.chi2 > GATE[len(innovation.error)]:
+            return False
+        if panel not in self.witnesses and look.t_ns - self.seen_ns.get(panel, -MAX_GAP_NS) >= MAX_GAP_NS:
+            agrees, is_vague = evidence(innovation) <= AGREES, evidence(innovation, 0.0) > AGREES
+            if agrees:
+                self.witnesses[panel] = self.filter.covariance
+            elif is_vague and look.alternate is None:
+                self.witnesses = {panel: None}
+            elif not is_vague and len(self.witnesses) < 2:
+                return False
+        self.seen_ns[panel] = look.t_ns
+        self.filter.update(innovation)
+        return True
+
+
+@dataclass(slots=True)
+class Rival:
+    """Another belief, begun by a panel that the first refused, and how looks have taken sides since."""
+
+    belief: Belief
+    founder: int
+    begun_ns: int
+    agreed_before: bool  # the founder was a witness of the first
+    looks: int = 1  # that agree with the rival only
+    neither: int = 0  # looks in turn that both refuse
+    against: dict[int, int] = field(default_factory=dict)  # looks at others that agree with the first only, by panel
+
+    def copy(self) -> Rival:
+        return replace(self, belief=self.belief.copy(), against=self.against.copy())
+
+
+@dataclass(slots=True)
+class Judge:
+    """The belief and its rival, changed by one look after the other."""
+
+    empty: Filter  # to begin with
+    belief: Belief
+    rival: Rival | None = None
+    moved: dict[int, int] = field(
+        default_factory=dict
+    )  # panels that hang elsewhere; looks at each that agree after all
+    contradicting: frozenset[int] = frozenset()
+    relocalisations: int = 0
+    used_ns: int = 0
+    events: tuple[Event, ...] = ()
+
+    def copy(self) -> Judge:
+        rival = None if self.rival is None else self.rival.copy()
+        return replace(self, belief=self.belief.copy(), rival=rival, moved=self.moved.copy())
+
+    def propagate(self, step: Step) -> None:
+        """Moves both."""
+        self.belief.filter.propagate(step)
+        if self.rival is not None:
+            self.rival.belief.filter.propagate(step)
+            if not self.rival.belief.filter.has_pose:
+                self.rival = None
+
+    def lift(self) -> None:
+        """Forgets the pose: the robot may be anywhere."""
+        self.belief.filter.has_pose, self.rival = False, None
+
+    def hear(self, look: Look) -> None:
+        """Takes a look into account."""
+        belief, panel = self.belief, look.panel
+        if not belief.filter.has_pose:
+            if look.alternate is None and panel not in self.moved:
+                belief.start(look)
+                self.rival, self.used_ns = None, look.t_ns
+            return
+        innovation = belief.filter.compare(look)
+        if panel in self.moved:
+            self._pardon(panel, innovation)
+            return
+        doubted = self.rival is not None and self.rival.founder == panel and evidence(innovation) > AGREES
+        if not doubted and belief.hear(look, innovation):
+            self.used_ns = look.t_ns
+            self._accepted(look, innovation.chi2)
+        else:
+            self._refused(look)
+        rests_on_others = len(self.belief.witnesses.keys() - {panel}) >= 2
+        if rests_on_others and panel not in self.contradicting and self.belief.filter.contradicts_map(panel):
+            self.contradicting |= {panel}
+            self._tell(look.t_ns, "map_contradicts", panel)
+
+    def report(self) -> tuple[Floats, Floats]:
+        """The pose and its covariance, which spans both beliefs."""
+        own = self.belief.filter
+        if self.rival is None:
+            return own.pose, own.covariance
+        other = self.rival.belief.filter
+        apart = _apart(other, own)
+        return own.pose, own.covariance + other.covariance + np.outer(apart, apart)
+
+    def _accepted(self, look: Look, chi2: float) -> None:
+        """The belief agrees: does the rival?"""
+        rival = self.rival
+        if rival is None:
+            return
+        innovation = rival.belief.filter.compare(look)
+        agrees = rival.belief.hear(look, innovation)
+        rival.neither = 0
+        if look.panel == rival.founder:
+            if not agrees or chi2 < innovation.chi2 + MIRROR_LEAD:
+                self.rival = None  # it was one bad look
+        elif not agrees:
+            rival.against[look.panel] = rival.against.get(look.panel, 0) + 1
+            self._accuse(look.t_ns, rival)
+
+    def _accuse(self, now_ns: int, rival: Rival) -> None:
+        """Names the rival's founder, if two others have agreed with the belief, and not with the rival, since."""
+        speak = [p for p, looks in rival.against.items() if looks >= REPEATED and p not in rival.belief.witnesses]
+        witnesses = [self.belief.witnesses[p] for p in speak if p in self.belief.witnesses]
+        if len(witnesses) < 2 or rival.looks < REPEATED:
+            return
+        # Nor do two agree, if one of them might hang as far elsewhere, and the state before it would not have told.
+        if any(before is not None and self._is_apart(before) for before in witnesses):
+            self.belief.witnesses.pop(rival.founder, None)
+            self.moved[rival.founder], self.rival = 0, None
+            self._tell(now_ns, "panel_moved", rival.founder)
+
+    def _is_apart(self, covariance: Floats) -> bool:
+        """Tells whether the rival's pose is none that the belief's would allow, were its covariance this one."""
+        assert self.rival is not None
+        apart = _apart(self.rival.belief.filter, self.belief.filter)
+        both = covariance + self.rival.belief.filter.covariance
+        return float(apart @ np.linalg.solve(both, apart)) > GATE[POSE]
+
+    def _refused(self, look: Look) -> None:
+        """The belief disagrees: is there a rival that does not?"""
+        rival = self.rival
+        if rival is None:
+            self._begin(look)
+            return
+        if not rival.belief.hear(look, rival.belief.filter.compare(look)):
+            rival.neither += 1
+            if rival.neither >= REPEATED:
+                self._begin(look)
+            return
+        rival.neither = 0
+        rival.looks += 1
+        if look.panel == rival.founder:
+            settled = rival.agreed_before and look.t_ns - rival.begun_ns >= SETTLES_NS and not rival.against
+        else:
+            settled = look.panel in rival.belief.witnesses
+        if settled and rival.looks >= REPEATED:
+            if self._is_apart(self.belief.filter.covariance):
+                self.relocalisations += 1
+                self._tell(look.t_ns, "relocalised", look.panel)
+            self.belief, self.rival, self.used_ns = rival.belief, None, look.t_ns
+
+    def _begin(self, look: Look) -> None:
+        """Begins a rival at a look that leaves no choice.
+
+        If two panels have agreed, this one among them, it may have been the robot that moved: what is known of panels
+        holds on. Else only what is known of the odometry does.
+        """
+        if look.alternate is None:
+            own, agreed = self.belief, look.panel in self.belief.witnesses
+            belief = Belief((own.filter if agreed and len(own.witnesses) >= 2 else self.empty).copy())
+            belief.filter.take_odometry_from(own.filter)
+            belief.start(look)
+            self.rival = Rival(belief, look.panel, look.t_ns, agreed)
+
+    def _pardon(self, panel: int, innovation: Innovation) -> None:
+        """Listens again to a panel that hangs right again."""
+        agrees = innovation.chi2 <= GATE[len(innovation.error)] and evidence(innovation) <= AGREES
+        self.moved[panel] = self.moved[panel] + 1 if agrees else 0
+        if self.moved[panel] >= 2 * REPEATED:
+            del self.moved[panel]
+
+    def _tell(self, now_ns: int, kind: EventKind, panel: int) -> None:
+        self.events = (*self.events, Event(t_ns=now_ns, kind=kind, panel=panel))[-MOST_EVENTS:]
+
+
+def evidence(innovation: Innovation, error: float = 1.0) -> float:
+    """χ² by which a look is likelier of a panel that hangs elsewhere than of one that hangs right.
+
+    Both are normal; the covariance of the first is larger by MISPLACED. So 2·ln of their ratio is the difference of χ²,
+    and of the logarithms of the determinants. With `error` 0: of a look that shows just what was predicted.
+    """
+    elsewhere = innovation.covariance + MISPLACED * np.eye(len(innovation.error))
+    wider = float(innovation.error @ np.linalg.solve(elsewhere, innovation.error))
+    ratio = np.linalg.det(innovation.covariance) / np.linalg.det(elsewhere)
+    return error * (innovation.chi2 - wider) + math.log(ratio)
+
+
+def _apart(one: Filter, other: Filter) -> Floats:
+    """The difference of two poses."""
+    error = one.pose - other.pose
+    error[YAW] = wrapped(error[YAW])
+    return error

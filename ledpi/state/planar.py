@@ -1,0 +1,88 @@
+"""A panel's pose, as the decoder gives it, in the plane that the robot drives in.
+
+Height, roll and pitch are left free: a chassis that tilts by ε moves a panel at the height h above it by ε·h.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ledpi.core.geometry import matrix_from_quaternion
+from ledpi.core.records import Floats, MarkerPose, Pose, Rejected
+from ledpi.pose.panel_map import MapPanel
+from ledpi.state.records import NO_POSE, Look, Measured
+
+TILT_RAD = math.radians(0.3)  # of a chassis on an even floor, standard deviation
+SAME_RANGE, SAME_HEADING = 0.9, 0.75  # shares of the stated variance that are the same in the look 50 ms later
+ACROSS_REPEATS = 16.0  # so often is that across counted, instead of a number of the state: it is 100 times smaller
+SIZE_SHARE = 0.004  # deviation of a panel's size and of the lens's focal length, as a share
+MOST_RANGE_SHARE = 0.03  # corners are within half a pixel: a range that is stated to be worse is not
+LEAST_HEADING_RAD = math.radians(0.1)
+
+
+def look_of(marker: MarkerPose, panel: MapPanel, base_from_camera: Floats) -> Look | Rejected:
+    """Returns a panel's look; `base_from_camera` (4, 4) is the camera's seat."""
+    solutions = [each for each in (marker.solution, marker.alternate) if each is not None]
+    poses = [each.camera_from_marker for each in solutions]
+    if not poses or not all(_is_whole(pose) for pose in poses):
+        return NO_POSE
+    (pose, share, heading), *other = (_measured(each, panel, base_from_camera) for each in poses)
+    return Look(
+        t_ns=marker.mid_exposure_ns,
+        panel=marker.detection.id,
+        pose=pose,
+        alternate=other[0][0] if other else None,
+        range_share=share,
+        heading_rad=heading,
+    )
+
+
+def _is_whole(pose: Pose) -> bool:
+    """Tells whether a pose is before the camera, and how sure it is."""
+    covariance = pose.covariance
+    if covariance is None or not np.isfinite([*pose.position_m, *pose.quaternion_wxyz, *covariance.flat]).all():
+        return False
+    return bool(pose.position_m[2] > 0 and np.linalg.eigvalsh(covariance)[0] > 0)
+
+
+def _measured(pose: Pose, panel: MapPanel, seat: Floats) -> tuple[Measured, float, float]:
+    """The pose in the plane, and the deviations of what repeats.
+
+    With A = base_from_camera·camera_from_marker and M = map_from_marker, M·A⁻¹ turns base_link into the map: its yaw is
+    the heading. An error ω of A's attitude turns that by -ω_z.
+    """
+    assert pose.covariance is not None
+    turn = seat[:3, :3]
+    centre = turn @ pose.position_m + seat[:3, 3]
+    map_from_base = panel.map_from_marker[:3, :3] @ (turn @ matrix_from_quaternion(pose.quaternion_wxyz)).T
+    heading = math.atan2(map_from_base[1, 0], map_from_base[0, 0])
+    to_plane = np.zeros((3, 6))
+    to_plane[:2, :3], to_plane[2, 3:] = turn[:2], -turn[2]
+    covariance = to_plane @ pose.covariance @ to_plane.T
+    value = np.array([centre[0], centre[1], heading])
+    return split_noise(value, covariance, seat[:2, 3], float(centre[2]))
+
+
+def split_noise(value: Floats, stated: Floats, camera_xy: Floats, height_m: float) -> tuple[Measured, float, float]:
+    """Splits a stated covariance (3, 3) into what is new in each look, and deviations of range share and heading.
+
+    In axes along the ray, across it, and heading: D·stated·D, where D scales each deviation to its new part.
+    """
+    ray = value[:2] - camera_xy
+    distance = math.hypot(*ray)
+    axes = np.eye(3)
+    axes[0, :2] = ray / distance
+    axes[1, :2] = -axes[0, 1], axes[0, 0]
+    turned = axes @ stated @ axes.T
+    along, heading = math.sqrt(turned[0, 0]), math.sqrt(turned[2, 2])
+    believed = min(along, MOST_RANGE_SHARE * distance)
+    new = np.sqrt([(1 - SAME_RANGE) * (believed / along) ** 2, ACROSS_REPEATS, 1 - SAME_HEADING])
+    covariance = turned * np.outer(new, new)
+    # A correlation of the part across with the others would be as if it repeated: left out.
+    covariance[1, [0, 2]] = covariance[[0, 2], 1] = 0.0
+    tilt = (TILT_RAD * height_m) ** 2
+    covariance[np.diag_indices(3)] += tilt, tilt, LEAST_HEADING_RAD**2
+    share = math.hypot(SIZE_SHARE, math.sqrt(SAME_RANGE) * believed / distance)
+    return Measured(value=value, covariance=axes.T @ covariance @ axes), share, math.sqrt(SAME_HEADING) * heading

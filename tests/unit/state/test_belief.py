@@ -1,0 +1,76 @@
+"""A robot that was carried off, and panels that hang elsewhere than the map says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ledpi.state.estimator import Estimator
+from tests.builders.state import SEAT, heard, look, room, state_at, still
+
+HERE, THERE = (0.0, 0.0, 0.0), (1.0, -1.0, 1.0)
+
+
+def settled(panels: tuple[int, ...]) -> Estimator:
+    """A state that rests on these panels."""
+    estimator = Estimator(room(), SEAT)
+    still(estimator, dict.fromkeys(panels, 0.0), HERE, 0.0, 1.0)
+    return estimator
+
+
+def test_two_panels_that_agree_name_a_third_that_hangs_elsewhere() -> None:
+    """While it is refused both poses are spanned; once both witnesses are seen again it is not listened to."""
+    estimator = settled((1, 2))
+    still(estimator, {3: 0.6}, HERE, 1.0, 0.4)
+    contested = state_at(estimator, 1.4)
+    assert contested.contested
+    assert np.sqrt(contested.covariance[1, 1]) > 0.5
+    still(estimator, {3: 0.6, 1: 0.0, 2: 0.0}, HERE, 1.4, 0.4)
+    state = state_at(estimator, 1.8)
+    assert (state.moved, state.contested) == ((3,), False)
+    assert [(event.kind, event.panel) for event in state.events] == [("panel_moved", 3)]
+    assert np.hypot(*state.pose[:2]) < 0.01
+
+
+def test_a_panel_that_hangs_right_again_is_listened_to_again() -> None:
+    """After as many looks as one pass has."""
+    estimator = settled((1, 2))
+    still(estimator, {3: 0.6, 1: 0.0, 2: 0.0}, HERE, 1.0, 0.5)
+    assert state_at(estimator, 1.5).moved == (3,)
+    still(estimator, {3: 0.0, 1: 0.0, 2: 0.0}, HERE, 2.5, 0.5)
+    assert state_at(estimator, 3.0).moved == ()
+
+
+def test_a_state_that_rests_on_one_panel_accuses_nobody() -> None:
+    """It began at a panel that hangs elsewhere: two others that agree take over, and are innocent."""
+    estimator = Estimator(room(), SEAT)
+    still(estimator, {1: 0.3}, HERE, 0.0, 0.5)
+    still(estimator, {1: 0.3, 2: 0.0}, HERE, 0.5, 0.5)
+    assert state_at(estimator, 1.0).contested
+    assert state_at(estimator, 1.0).moved == ()
+    still(estimator, {1: 0.3, 2: 0.0, 4: 0.0}, HERE, 1.0, 0.5)
+    state = state_at(estimator, 1.5)
+    assert state.moved == (1,)
+    assert np.hypot(*state.pose[:2]) < 0.02
+
+
+def test_a_robot_that_was_carried_off_is_found_again() -> None:
+    """A panel that had agreed says otherwise for half a second, or another agrees with it at once."""
+    alone, together = settled((1, 2)), settled((1, 2))
+    still(alone, {2: 0.0}, THERE, 1.0, 0.3)
+    assert state_at(alone, 1.3).relocalisations == 0
+    still(alone, {2: 0.0}, THERE, 1.3, 0.3)
+    still(together, {2: 0.0, 3: 0.0}, THERE, 1.0, 0.15)
+    for estimator, t_s in ((alone, 1.6), (together, 1.15)):
+        state = state_at(estimator, t_s)
+        assert state.relocalisations == 1
+        assert state.moved == ()
+        assert np.allclose(state.pose, THERE, atol=0.03)
+
+
+def test_one_bad_look_is_no_rival_for_long() -> None:
+    """The next good one ends it."""
+    estimator = settled((1, 2))
+    heard(estimator, look(2, HERE, 1.05, aside_m=0.5))
+    assert state_at(estimator, 1.05).contested
+    heard(estimator, look(2, HERE, 1.1))
+    assert not state_at(estimator, 1.1).contested

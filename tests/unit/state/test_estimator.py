@@ -1,0 +1,92 @@
+"""The estimator: any order of arrival, odometry of every kind, and garbage."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ledpi.core.records import Rejected
+from ledpi.state.estimator import Estimator
+from ledpi.state.records import Look, Odometry, OdometryNoise
+from tests.builders.state import SEAT, SECOND_NS, heard, look, odometry, room, state_at, still
+
+RATE = 0.5  # rad/s of a circle of 1 m
+
+
+def on_circle(t_s: float) -> tuple[float, float, float]:
+    """The pose of a robot that drives a circle of 1 m about the origin."""
+    return math.cos(RATE * t_s), math.sin(RATE * t_s), RATE * t_s + math.pi / 2
+
+
+def drive(seconds: float = 1.5) -> list[Look | Odometry]:
+    """Odometry at 100 Hz, and a look at a panel or two 30 times a second."""
+    times = np.arange(1, round(seconds * 100)) * 0.01
+    totals = [odometry(t, way_m=RATE * t, yaw_rad=RATE * t) for t in times.tolist()]
+    looks = [look(i, on_circle(t), t) for t in (times[::3] + 0.004).tolist() for i in (2, 3)[: 1 + (t > 0.5)]]
+    return sorted([*totals, *looks], key=lambda each: each.t_ns)
+
+
+def test_the_order_of_arrival_changes_no_bit() -> None:
+    """Looks that are late by 30 to 90 ms, and odometry by up to 20: state and covariance are those of no delay."""
+    inputs, rng = drive(), np.random.default_rng(4)
+    delays = [rng.uniform(0.03, 0.09) if isinstance(each, Look) else rng.uniform(0, 0.02) for each in inputs]
+    late = [inputs[k] for k in np.argsort([each.t_ns * 1e-9 + d for each, d in zip(inputs, delays, strict=True)])]
+    one, other = Estimator(room(), SEAT), Estimator(room(), SEAT)
+    assert heard(one, *inputs) == []
+    for each in late:
+        add = other.add_look if isinstance(each, Look) else other.add_odometry
+        assert add(each, 2 * SECOND_NS) is None  # type: ignore[operator]
+    states = state_at(one, 1.6), state_at(other, 1.6)
+    assert np.array_equal(states[0].pose, states[1].pose)
+    assert np.array_equal(states[0].covariance, states[1].covariance)
+    assert np.hypot(*(states[0].pose[:2] - on_circle(states[0].t_ns * 1e-9)[:2])) < 0.02
+
+
+@pytest.mark.parametrize("kind", ["wheels", "turns", "none"])
+def test_without_a_part_of_the_odometry_the_rest_holds(kind: str) -> None:
+    """Wheels alone, a gyro alone, or nothing but panels: a robot on a circle is found, and its speed."""
+    noise = OdometryNoise(base_m=0.3) if kind == "wheels" else OdometryNoise()
+    estimator = Estimator(room(), SEAT, noise)
+    for each in drive():
+        if isinstance(each, Odometry):
+            t_s, half = each.t_ns * 1e-9, 0.15 * RATE * each.t_ns * 1e-9
+            wheels = replace(each, left_m=RATE * t_s - half, right_m=RATE * t_s + half, yaw_rad=None)
+            each = wheels if kind == "wheels" else replace(each, left_m=None, right_m=None)
+        if kind != "none" or isinstance(each, Look):
+            assert heard(estimator, each) == []
+    state = state_at(estimator, 1.5)
+    error = state.pose[:2] - on_circle(1.5)[:2]
+    assert error @ np.linalg.solve(state.covariance[:2, :2], error) < 13.8
+    assert state.speed_m_s == pytest.approx(RATE, abs=0.1)
+    assert state.turn_rad_s == pytest.approx(RATE, abs=0.2)
+
+
+def test_garbage_is_counted_and_changes_nothing() -> None:
+    """Old, of the future, not finite, of no panel of the map, or leaping: it is told, and the state stays."""
+    estimator = Estimator(room(), SEAT)
+    still(estimator, {1: 0.0, 2: 0.0}, (0.0, 0.0, 0.0), 10.0, 1.0)
+    stranger = replace(look(1, (0.0, 0.0, 0.0), 10.9), panel=50)
+    assert heard(estimator, odometry(5.0), odometry(10.95, way_m=math.nan), stranger) == [
+        "state.too_old",
+        "state.no_number",
+        "state.not_in_map",
+    ]
+    future = estimator.add_odometry(odometry(99.0), 11 * SECOND_NS)
+    assert isinstance(future, Rejected)
+    assert future.key == "state.in_future"
+    assert heard(estimator, odometry(11.0, way_m=-2000.0), odometry(11.05, way_m=-2000.0)) == ["state.odometry_leap"]
+    assert np.hypot(*state_at(estimator, 11.1).pose[:2]) < 0.01
+
+
+def test_a_lifted_robot_is_nowhere_until_a_panel_is_seen() -> None:
+    """The controller says so; the panel that leaves no choice is where it begins anew."""
+    estimator = Estimator(room(), SEAT)
+    assert estimator.at(0) == Rejected(stage="state", reason="not_started")
+    still(estimator, {1: 0.0, 2: 0.0}, (0.0, 0.0, 0.0), 0.0, 0.5)
+    heard(estimator, replace(odometry(0.6), lifted=True))
+    assert isinstance(estimator.at(SECOND_NS), Rejected)
+    heard(estimator, look(3, (1.0, 1.0, 2.0), 0.7))
+    assert np.allclose(state_at(estimator, 0.7).pose, [1.0, 1.0, 2.0], atol=1e-6)

@@ -1,0 +1,93 @@
+"""The filter's equations, against finite differences and by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from ledpi.core.records import Floats
+from ledpi.state.filter import Filter
+from ledpi.state.motion import OWN, POSE, Step, propagate
+from ledpi.state.records import OdometryNoise
+from tests.builders.state import look, room
+
+GYRO = Step(0.1, 0.3, 0.2, drifts_with=0.1)
+WHEELS = Step(0.1, 0.3, 0.2, drifts_with=0.3)
+TURNS_ONLY, NOTHING = Step(0.1, None, 0.2, drifts_with=0.1), Step(0.1)
+
+
+def slopes(of: Callable[[Floats], Floats], at: Floats) -> Floats:
+    """Central differences."""
+    steps = np.eye(len(at)) * 1e-6
+    return np.stack([(of(at + e) - of(at - e)) / 2e-6 for e in steps], axis=1)
+
+
+@pytest.mark.parametrize("step", [GYRO, WHEELS, TURNS_ONLY, NOTHING])
+def test_the_covariance_moves_by_the_slopes_of_the_motion(step: Step) -> None:
+    """P' − Q = F·P·Fᵀ of the pose, with F by finite differences; Q is what a certain state comes to have."""
+    x = np.array([1.0, 2.0, 0.7, 0.4, 0.5, 0.02, 0.03, -0.02])
+    root = np.random.default_rng(1).normal(size=(OWN, OWN))
+
+    def moved(at: Floats) -> Floats:
+        at = at.copy()
+        propagate(at, np.zeros((OWN, OWN)), step)
+        return at
+
+    noise, P = np.zeros((OWN, OWN)), root @ root.T
+    propagate(x.copy(), noise, step)
+    F = slopes(moved, x)[:POSE]
+    expected = F @ P @ F.T + noise[:POSE, :POSE]
+    propagate(x.copy(), P, step)
+    assert np.allclose(P[:POSE, :POSE], expected, atol=1e-6)
+    assert np.allclose(P, P.T, atol=1e-12)
+
+
+def test_one_look_is_weighed_with_the_state_as_by_hand() -> None:
+    """Ahead of a panel 4 m away, both certain but for the way: variances 4 and 1 make a fifth of the difference."""
+    states = Filter(room(1e-9, 1e-9), (0.0, 0.0), OdometryNoise())
+    states.P[0, 0], states.has_pose = 4e-4, True
+    seen = look(1, (0.1, 0.0, 0.0), 0.0)
+    object.__setattr__(seen, "range_share", 1e-9)
+    object.__setattr__(seen, "heading_rad", 1e-9)
+    states.update(states.compare(seen))
+    assert np.allclose(states.x[:POSE], [0.1 * 4 / 5, 0.0, 0.0], atol=1e-6)
+    assert states.P[0, 0] == pytest.approx(4e-4 * 1 / 5, rel=1e-6)
+
+
+def test_a_start_is_where_the_panel_says_and_as_uncertain_as_panel_and_look() -> None:
+    """From 4 m: the map's angle of 0.01 rad is 4 cm aside; along the ray its 1 cm, 1 % of 4 m, and the look's 1 cm."""
+    states = Filter(room(), (0.0, 0.0), OdometryNoise())
+    states.start(look(1, (0.0, 0.0, 0.3), 0.0))
+    assert np.allclose(states.x[:POSE], [0.0, 0.0, 0.3], atol=1e-9)
+    yaw = 0.01**2 + 0.01**2 + 1e-4  # map's, decoder's, and the look's own
+    c, s = math.cos(0.3), math.sin(0.3)
+    assert states.P[2, 2] == pytest.approx(yaw)
+    assert states.P[1, 1] == pytest.approx(0.01**2 + 16 * yaw + s * s * 1e-4 + c * c * 1e-5, rel=1e-6)
+    assert states.P[0, 0] == pytest.approx(0.01**2 + 0.04**2 + c * c * 1e-4 + s * s * 1e-5, rel=1e-6)
+
+
+def test_of_two_mirror_poses_the_state_takes_the_one_that_leads() -> None:
+    """A heading 0.5 rad aside is excluded by a state that knows it; one that does not takes the place alone."""
+    states = Filter(room(), (0.0, 0.0), OdometryNoise())
+    states.start(look(1, (0.0, 0.0, 0.0), 0.0))
+    first, second = look(1, (0.0, 0.0, 0.0), 0.05, mirror_rad=0.5), look(1, (0.0, 0.0, 0.5), 0.05, mirror_rad=-0.5)
+    object.__setattr__(second, "pose", first.alternate)
+    object.__setattr__(second, "alternate", first.pose)
+    assert [states.compare(each).error[2] == pytest.approx(0.0, abs=1e-9) for each in (first, second)] == [True, True]
+    states.P[:POSE, :POSE] += np.diag([1.0, 1.0, 0.3**2])
+    assert len(states.compare(first).error) == 2
+
+
+def test_a_panel_beyond_four_of_its_deviations_contradicts_the_map() -> None:
+    """The map says 1 cm of its place, the look 1 % of its distance."""
+    states = Filter(room(), (0.0, 0.0), OdometryNoise())
+    states.start(look(1, (0.0, 0.0, 0.0), 0.0))
+    told = []
+    for number, value in ((0, 0.039), (0, -0.041), (3, 0.039), (3, 0.041)):
+        states.x[OWN : OWN + 4] = 0.0
+        states.x[OWN + number] = value
+        told.append(states.contradicts_map(1))
+    assert told == [False, True, False, True]
