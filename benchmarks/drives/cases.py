@@ -11,9 +11,9 @@ from benchmarks.drives.looks import Looks
 from benchmarks.drives.robot import BASE_M, DT_S, Way, drive, odometry
 from benchmarks.drives.room import BASE_FROM_CAMERA, MIDDLE, PANELS, map_of
 from ledpi.core.records import Floats
-from ledpi.state.estimator import Estimator
+from ledpi.state.estimator import Estimator, State
 from ledpi.state.filter import Filter
-from ledpi.state.records import Look, Odometry, OdometryNoise, State, wrapped
+from ledpi.state.inputs import Look, Odometry, OdometryNoise, wrapped
 
 MAP_M, MAP_RAD = 0.010, math.radians(1.0)
 HIDDEN = 0.10  # of the frames

@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from benchmarks.drives.cases import ODOMETRY_LATE_NS, PICTURE_LATE_NS, Case, drive_of, estimator_of
 from benchmarks.speed import counting
 from ledpi.state.estimator import Estimator
-from ledpi.state.records import Look, Odometry
+from ledpi.state.inputs import Look, Odometry
 
 WARM_UP_S, COUNTED_S = 4, 4
 FRAMES_HZ = 60.0

@@ -15,8 +15,7 @@ import numpy as np
 from benchmarks.drives.room import BASE_FROM_CAMERA, is_in_view, place
 from ledpi.core.geometry import inverse, matrix_from_rpy_deg, transform
 from ledpi.core.records import Floats
-from ledpi.state.planar import split_noise
-from ledpi.state.records import Look, wrapped
+from ledpi.state.inputs import Look, split_noise, wrapped
 
 DISTANCES = (0.5, 1.25, 2.25, 2.75, 3.25, 3.75, 4.5, 6.0)
 ALONG_M = (0.00055, 0.0018, 0.0145, 0.029, 0.040, 0.049, 0.063, 0.078)  # stated

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.drives.room import MIDDLE
 from ledpi.core.records import Floats
-from ledpi.state.records import Odometry, wrapped
+from ledpi.state.inputs import Odometry, wrapped
 
 DT_S = 0.01  # of the truth, and of odometry
 BASE_M = 0.30

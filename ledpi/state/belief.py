@@ -8,20 +8,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from ledpi.core.records import MAX_GAP_NS, Floats
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.state.filter import GATE, MIRROR_LEAD, Filter, Innovation
-from ledpi.state.motion import POSE, YAW, Step
-from ledpi.state.records import Event, EventKind, Look, wrapped
+from ledpi.state.inputs import Look, wrapped
+from ledpi.state.motion import OWN, POSE, YAW, Step
 
 MISPLACED = 0.5**2  # variance, m² and rad², of how far off a panel is that was hung or measured wrong
 AGREES = -EXCLUDED_BY / 2  # χ² by which a look says that its panel hangs right, and no other way
 REPEATED = 3  # looks, 50 ms apart, that are no slip of the decoder
 SETTLES_NS = 500_000_000  # a panel that agreed before, and for so long only with the rival, shows that the robot moved
-MOST_EVENTS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that somebody should know of."""
+
+    t_ns: int
+    kind: Literal["panel_moved", "relocalised", "map_contradicts"]
+    panel: int
 
 
 @dataclass(slots=True)
@@ -43,9 +52,8 @@ class Belief:
     def hear(self, look: Look, innovation: Innovation) -> bool:
         """Uses a look, if it may be of where the robot is. Returns whether.
 
-        The gate decides, but for the first look at a panel for a while at which no other one speaks for what the state
-        rests on: that look must agree. It makes the panel a witness; later looks find its own word in the state.
-        Where it could not have told, the state was too vague, and from now on rests on this panel.
+        The gate decides. But if the state rests on one panel, the first look at another for a while must agree, which
+        makes it a witness; later ones find its own word in the state. Too vague a state rests on this one from now on.
         """
         panel = look.panel
         if innovation.chi2 > GATE[len(innovation.error)]:
@@ -86,9 +94,7 @@ class Judge:
     empty: Filter  # to begin with
     belief: Belief
     rival: Rival | None = None
-    moved: dict[int, int] = field(
-        default_factory=dict
-    )  # panels that hang elsewhere; looks at each that agree after all
+    moved: dict[int, int] = field(default_factory=dict)  # who hangs elsewhere, and looks at each that agree after all
     contradicting: frozenset[int] = frozenset()
     relocalisations: int = 0
     used_ns: int = 0
@@ -105,10 +111,6 @@ class Judge:
             self.rival.belief.filter.propagate(step)
             if not self.rival.belief.filter.has_pose:
                 self.rival = None
-
-    def lift(self) -> None:
-        """Forgets the pose: the robot may be anywhere."""
-        self.belief.filter.has_pose, self.rival = False, None
 
     def hear(self, look: Look) -> None:
         """Takes a look into account."""
@@ -131,7 +133,7 @@ class Judge:
         rests_on_others = len(self.belief.witnesses.keys() - {panel}) >= 2
         if rests_on_others and panel not in self.contradicting and self.belief.filter.contradicts_map(panel):
             self.contradicting |= {panel}
-            self._tell(look.t_ns, "map_contradicts", panel)
+            self._tell(Event(look.t_ns, "map_contradicts", panel))
 
     def report(self) -> tuple[Floats, Floats]:
         """The pose and its covariance, which spans both beliefs."""
@@ -164,51 +166,43 @@ class Judge:
         if len(witnesses) < 2 or rival.looks < REPEATED:
             return
         # Nor do two agree, if one of them might hang as far elsewhere, and the state before it would not have told.
-        if any(before is not None and self._is_apart(before) for before in witnesses):
+        if any(before is not None and self._is_apart(rival.belief.filter, before) for before in witnesses):
             self.belief.witnesses.pop(rival.founder, None)
             self.moved[rival.founder], self.rival = 0, None
-            self._tell(now_ns, "panel_moved", rival.founder)
+            self._tell(Event(now_ns, "panel_moved", rival.founder))
 
-    def _is_apart(self, covariance: Floats) -> bool:
-        """Tells whether the rival's pose is none that the belief's would allow, were its covariance this one."""
-        assert self.rival is not None
-        apart = _apart(self.rival.belief.filter, self.belief.filter)
-        both = covariance + self.rival.belief.filter.covariance
-        return float(apart @ np.linalg.solve(both, apart)) > GATE[POSE]
+    def _is_apart(self, other: Filter, covariance: Floats) -> bool:
+        """Tells whether another pose is none that the belief's would allow, were its covariance this one."""
+        apart = _apart(other, self.belief.filter)
+        return float(apart @ np.linalg.solve(covariance + other.covariance, apart)) > GATE[POSE]
 
     def _refused(self, look: Look) -> None:
         """The belief disagrees: is there a rival that does not?"""
         rival = self.rival
-        if rival is None:
-            self._begin(look)
-            return
-        if not rival.belief.hear(look, rival.belief.filter.compare(look)):
-            rival.neither += 1
-            if rival.neither >= REPEATED:
+        if rival is None or not rival.belief.hear(look, rival.belief.filter.compare(look)):
+            if rival is not None:
+                rival.neither += 1
+            if rival is None or rival.neither >= REPEATED:
                 self._begin(look)
             return
-        rival.neither = 0
-        rival.looks += 1
+        rival.neither, rival.looks = 0, rival.looks + 1
         if look.panel == rival.founder:
             settled = rival.agreed_before and look.t_ns - rival.begun_ns >= SETTLES_NS and not rival.against
         else:
             settled = look.panel in rival.belief.witnesses
         if settled and rival.looks >= REPEATED:
-            if self._is_apart(self.belief.filter.covariance):
+            if self._is_apart(rival.belief.filter, self.belief.filter.covariance):
                 self.relocalisations += 1
-                self._tell(look.t_ns, "relocalised", look.panel)
+                self._tell(Event(look.t_ns, "relocalised", look.panel))
             self.belief, self.rival, self.used_ns = rival.belief, None, look.t_ns
 
     def _begin(self, look: Look) -> None:
-        """Begins a rival at a look that leaves no choice.
-
-        If two panels have agreed, this one among them, it may have been the robot that moved: what is known of panels
-        holds on. Else only what is known of the odometry does.
-        """
+        """Begins a rival at a look that leaves no choice, with what is known of odometry; of panels, if two agreed."""
         if look.alternate is None:
             own, agreed = self.belief, look.panel in self.belief.witnesses
             belief = Belief((own.filter if agreed and len(own.witnesses) >= 2 else self.empty).copy())
-            belief.filter.take_odometry_from(own.filter)
+            belief.filter.x[POSE:OWN] = own.filter.x[POSE:OWN]
+            belief.filter.P[POSE:OWN, POSE:OWN] = own.filter.P[POSE:OWN, POSE:OWN]
             belief.start(look)
             self.rival = Rival(belief, look.panel, look.t_ns, agreed)
 
@@ -219,15 +213,14 @@ class Judge:
         if self.moved[panel] >= 2 * REPEATED:
             del self.moved[panel]
 
-    def _tell(self, now_ns: int, kind: EventKind, panel: int) -> None:
-        self.events = (*self.events, Event(t_ns=now_ns, kind=kind, panel=panel))[-MOST_EVENTS:]
+    def _tell(self, event: Event) -> None:
+        self.events = (*self.events, event)[-16:]
 
 
 def evidence(innovation: Innovation, error: float = 1.0) -> float:
-    """χ² by which a look is likelier of a panel that hangs elsewhere than of one that hangs right.
+    """χ² by which a look is likelier of a panel that hangs elsewhere than of one that hangs right: 2·ln of their ratio.
 
-    Both are normal; the covariance of the first is larger by MISPLACED. So 2·ln of their ratio is the difference of χ²,
-    and of the logarithms of the determinants. With `error` 0: of a look that shows just what was predicted.
+    Both are normal, the first is wider by MISPLACED. With `error` 0: of a look that shows just what was predicted.
     """
     elsewhere = innovation.covariance + MISPLACED * np.eye(len(innovation.error))
     wider = float(innovation.error @ np.linalg.solve(elsewhere, innovation.error))
@@ -236,7 +229,6 @@ def evidence(innovation: Innovation, error: float = 1.0) -> float:
 
 
 def _apart(one: Filter, other: Filter) -> Floats:
-    """The difference of two poses."""
     error = one.pose - other.pose
     error[YAW] = wrapped(error[YAW])
     return error

@@ -3,8 +3,7 @@
 The state is the own part (motion.py), then for each of at most eight panels: dx, dy and dyaw of its place in the map,
 and the share by which it is seen too far. The place has the map's deviations as prior. What the decoder sees wrong of a
 panel lasts for seconds, too: the share, and a part of dyaw, are Gauss-Markov processes. So a thousand frames of one
-panel do not average them away. (Schmidt, 1966, only considers such numbers; estimated, they also tell what the map has
-wrong.)
+panel do not average them away. (Schmidt, 1966, only considers such numbers; estimated, they tell what a map has wrong.)
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ import numpy as np
 
 from ledpi.core.records import Floats
 from ledpi.pose.panel_map import PanelMap
-from ledpi.state.motion import OWN, POSE, YAW, Step, X, Y, prior_variances, propagate
-from ledpi.state.records import Look, Measured, OdometryNoise, wrapped
+from ledpi.state.inputs import Look, OdometryNoise, wrapped
+from ledpi.state.motion import GYRO_PRIORS, OWN, POSE, WHEEL_PRIORS, YAW, Step, X, Y, propagate
 
 DX, DY, DYAW, RANGE = range(4)
 EACH, MOST_PANELS = 4, 8
@@ -28,8 +27,7 @@ GATE = {2: 13.8, 3: 16.3}  # χ² by degrees of freedom that chance exceeds once
 MIRROR_LEAD = 9.0  # χ² by which one of two mirror poses must lead: 90 to 1
 RANGE_FADES_S, HEADING_FADES_S = 5.0, 2.0  # time constants of the two processes
 CONTRADICTS = 4.0  # deviations of a prior beyond which the map is wrong
-# A pose of so large a deviation is none: its equations are not straight over such angles, and a room has an end.
-LOST_M, LOST_RAD = 3.0, 0.5
+LOST_M, LOST_RAD = 3.0, 0.5  # deviations of a pose that is none: over such angles no equation is straight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,17 +58,14 @@ class Filter:
     def __init__(self, panels: PanelMap, seat: tuple[float, float], noise: OdometryNoise) -> None:
         self._places = {i: tuple(p.map_from_marker[:2, 3].tolist()) for i, p in panels.items()}
         self._deviations = {i: (p.position_sigma_m, p.angle_sigma_rad) for i, p in panels.items()}
-        self._seat, self._slots, self.has_pose = seat, dict[int, _Slot](), False
-        self.x, self.P = np.zeros(SIZE), np.diag(np.r_[prior_variances(noise), np.zeros(SIZE - OWN)])
+        self._seat, self.slots, self.has_pose = seat, dict[int, _Slot](), False
+        priors = GYRO_PRIORS if noise.base_m is None else WHEEL_PRIORS
+        self.x, self.P = np.zeros(SIZE), np.diag(np.square([*priors, *[0.0] * (SIZE - OWN)]))
 
     def copy(self) -> Filter:
         other = copy(self)
-        other.x, other.P, other._slots = self.x.copy(), self.P.copy(), self._slots.copy()
+        other.x, other.P, other.slots = self.x.copy(), self.P.copy(), self.slots.copy()
         return other
-
-    @property
-    def panels(self) -> int:
-        return len(self._slots)
 
     @property
     def pose(self) -> Floats:
@@ -84,10 +79,6 @@ class Filter:
         propagate(self.x, self.P, step)
         if self.P[X, X] + self.P[Y, Y] > LOST_M**2 or self.P[YAW, YAW] > LOST_RAD**2:
             self.has_pose = False
-
-    def take_odometry_from(self, other: Filter) -> None:
-        """Takes what another filter knows of the odometry, and nothing else."""
-        self.x[POSE:OWN], self.P[POSE:OWN, POSE:OWN] = other.x[POSE:OWN], other.P[POSE:OWN, POSE:OWN]
 
     def start(self, look: Look) -> None:
         """Begins anew at the pose that one panel gives, which is correlated with what is not known of the panel.
@@ -104,11 +95,9 @@ class Filter:
         by_look[:, 2] = by_panel[:, DYAW] = arm[1], -arm[0], 1.0
         by_panel[:2, RANGE] = turn @ (z[:2] - seat) / g**2
         self.x[:POSE] = *(self._places[look.panel] + d[:2] - arm), yaw
-        of_panel = self.P[at : at + EACH]
-        self.P[:POSE] = by_panel @ of_panel
+        self.P[:POSE] = by_panel @ self.P[at : at + EACH]
         self.P[:, :POSE] = self.P[:POSE].T
-        noise = by_look @ look.pose.covariance @ by_look.T
-        self.P[:POSE, :POSE] = by_panel @ of_panel[:, at : at + EACH] @ by_panel.T + noise
+        self.P[:POSE, :POSE] = self.P[:POSE, at : at + EACH] @ by_panel.T + by_look @ look.pose.covariance @ by_look.T
         self.has_pose = True
 
     def compare(self, look: Look) -> Innovation:
@@ -118,13 +107,15 @@ class Filter:
         columns = [X, Y, YAW, *range(at, at + EACH)]
         cross = H @ self.P[columns]
         spread = cross[:, columns] @ H.T
-        found = _innovation(look.pose, predicted, spread, cross)
-        if look.alternate is None:
-            return found
-        other = _innovation(look.alternate, predicted, spread, cross)
-        if abs(found.chi2 - other.chi2) < MIRROR_LEAD:
-            return Innovation(found.error[:2], found.covariance[:2, :2], cross[:2])
-        return min(found, other, key=lambda each: each.chi2)
+        found = []
+        for pose in [look.pose] if look.alternate is None else [look.pose, look.alternate]:
+            error = pose.value - predicted
+            error[2] = wrapped(error[2])
+            found.append(Innovation(error, spread + pose.covariance, cross))
+        one, *others = found
+        if others and abs(one.chi2 - others[0].chi2) < MIRROR_LEAD:
+            return Innovation(one.error[:2], one.covariance[:2, :2], cross[:2])
+        return min(found, key=lambda each: each.chi2) if others else one
 
     def update(self, innovation: Innovation) -> None:
         """Corrects the state: x += K·e, P −= K·S·Kᵀ with K = P·Hᵀ·S⁻¹; by a root of S⁻¹, so that P stays symmetric."""
@@ -136,7 +127,7 @@ class Filter:
 
     def contradicts_map(self, panel: int) -> bool:
         """Tells whether a panel's place or share is beyond what the priors allow."""
-        slot = self._slots[panel]
+        slot = self.slots[panel]
         return bool((np.abs(self.x[slot.at : slot.at + EACH]) > CONTRADICTS * slot.priors).any())
 
     def _predict(self, panel: int, at: int) -> tuple[Floats, Floats]:
@@ -159,12 +150,12 @@ class Filter:
         return np.array([seat_x + g * rx, seat_y + g * ry, yaw - dyaw]), np.array(H)
 
     def _slot(self, look: Look) -> int:
-        """Returns where a panel's numbers are, aged to this look; the panel that was unseen longest leaves for a new one.
+        """Returns where a panel's numbers are, aged to this look. The panel unseen longest leaves for a new one.
 
         dyaw is the map's and the decoder's, of variances m² and h²: one process of variance m² + h². That it diffuses
         as fast as the decoder's does within its time constant τ, 2·h²/τ a second, its rate is h²/(m² + h²)/τ.
         """
-        slot = self._slots.get(look.panel)
+        slot = self.slots.get(look.panel)
         place, angle = self._deviations[look.panel]
         steady = np.array([math.hypot(angle, look.heading_rad), look.range_share])
         if slot is None:
@@ -175,7 +166,7 @@ class Filter:
             fades = np.exp(-(look.t_ns - slot.seen_ns) * 1e-9 * rates)
         grown = (1 - fades**2) * steady**2
         priors = np.array([place, place, *np.sqrt((fades * slot.priors[DYAW:]) ** 2 + grown)])
-        self._slots[look.panel] = _Slot(slot.at, look.t_ns, priors)
+        self.slots[look.panel] = _Slot(slot.at, look.t_ns, priors)
         two = slice(slot.at + DYAW, slot.at + EACH)
         self.x[two] *= fades
         self.P[two] *= fades[:, None]
@@ -184,16 +175,9 @@ class Filter:
         return slot.at
 
     def _make_room(self) -> int:
-        """Returns where there is room for a panel."""
-        if len(self._slots) < MOST_PANELS:
-            return OWN + EACH * len(self._slots)
-        at = self._slots.pop(min(self._slots, key=lambda panel: (self._slots[panel].seen_ns, panel))).at
+        if len(self.slots) < MOST_PANELS:
+            return OWN + EACH * len(self.slots)
+        at = self.slots.pop(min(self.slots, key=lambda panel: (self.slots[panel].seen_ns, panel))).at
         own = slice(at, at + EACH)
         self.x[own], self.P[own], self.P[:, own] = 0.0, 0.0, 0.0
         return at
-
-
-def _innovation(pose: Measured, predicted: Floats, spread: Floats, cross: Floats) -> Innovation:
-    error = pose.value - predicted
-    error[2] = wrapped(error[2])
-    return Innovation(error, spread + pose.covariance, cross)

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.records import Floats
-from ledpi.state.records import Odometry, OdometryNoise, wrapped
+from ledpi.state.inputs import Odometry, OdometryNoise, wrapped
 
 X, Y, YAW, SPEED, TURN, DRIFT, WAY_SCALE, YAW_SCALE = range(8)
 POSE, OWN = 3, 8
 
-# Deviations. Of the drift: rad/s of a gyro; rad/m of wheels 0.3 m apart whose diameters differ by 0.4 %.
-GYRO_DRIFT, WHEEL_DRIFT = math.radians(0.6), 0.015
-WAY_SCALES, GYRO_SCALES, WHEEL_YAW_SCALES = 0.02, 0.012, 0.03
-SPEED_UNKNOWN, TURN_UNKNOWN = 1.0, 1.5  # m/s, rad/s: of a robot of which nothing is known
+# Deviations before anything is known, but the pose's: of the velocity m/s and rad/s; of the drift rad/s of a gyro, or
+# rad/m of wheels 0.3 m apart whose diameters differ by 0.4 %; of the scales.
+GYRO_PRIORS = 0.0, 0.0, 0.0, 1.0, 1.5, math.radians(0.6), 0.02, 0.012
+WHEEL_PRIORS = 0.0, 0.0, 0.0, 1.0, 1.5, 0.015, 0.02, 0.03
 MEASURED_SPEED, MEASURED_TURN = 0.05, 0.05  # m/s, rad/s: steps of encoders, and what changes within a message
 DRIFT_WALK = math.radians(0.01)  # rad/s/√s
 ACCELERATIONS = 0.8, 2.0  # m/s/√s, rad/s/√s: without odometry the velocity walks
@@ -41,23 +41,12 @@ class Step:
     drifts_with: float = 0.0  # s or m: what the yaw's drift is a rate of
 
 
-def prior_variances(noise: OdometryNoise) -> Floats:
-    """(OWN,) of the own part before anything is known; the pose's are not used."""
-    drift, scale = (GYRO_DRIFT, GYRO_SCALES) if noise.base_m is None else (WHEEL_DRIFT, WHEEL_YAW_SCALES)
-    return np.square([0, 0, 0, SPEED_UNKNOWN, TURN_UNKNOWN, drift, WAY_SCALES, scale])
-
-
 def are_linked(one: Odometry, two: Odometry) -> bool:
-    """Tells whether the motion between two messages is what their totals differ by."""
-    return not two.restarted and two.t_ns - one.t_ns <= SILENT_NS and not leaps(one, two)
-
-
-def leaps(one: Odometry, two: Odometry) -> bool:
-    """Tells whether the totals of two messages differ by more than wheels can do."""
+    """Tells whether the motion between two messages is what their totals differ by: if that is what wheels can do."""
     dt_s = (two.t_ns - one.t_ns) * 1e-9
-    limits = FASTEST_M_S * dt_s, FASTEST_M_S * dt_s, FASTEST_RAD_S * dt_s
-    totals = zip(one.totals, two.totals, limits, strict=True)
-    return any(a is not None and b is not None and abs(b - a) > most for a, b, most in totals)
+    both = zip(one.totals, two.totals, (FASTEST_M_S, FASTEST_M_S, FASTEST_RAD_S), strict=True)
+    leaps = any(a is not None and b is not None and abs(b - a) > fastest * dt_s for a, b, fastest in both)
+    return not two.restarted and two.t_ns - one.t_ns <= SILENT_NS and not leaps
 
 
 def between(one: Odometry, two: Odometry, t_ns: int) -> Odometry:
@@ -99,7 +88,7 @@ def propagate(x: Floats, P: Floats, step: Step) -> None:
     a unit matrix.
     """
     dt = step.dt_s
-    _, _, yaw, speed, rate, drift, way_scale, yaw_scale = x[:OWN].tolist()
+    east, north, yaw, speed, rate, drift, way_scale, yaw_scale = x[:OWN].tolist()
     by_way, by_turn = [0.0] * 6, [0.0] * 6  # slopes of w and a, by the own part from YAW on
     if step.way_m is None:
         way, by_way[1] = speed * dt, dt
@@ -111,9 +100,7 @@ def propagate(x: Floats, P: Floats, step: Step) -> None:
         turn = step.turn_rad * (1 + yaw_scale) - drift * step.drifts_with
         by_turn[3], by_turn[5] = -step.drifts_with, step.turn_rad
     c, s = math.cos(yaw + turn / 2), math.sin(yaw + turn / 2)
-    x[X] += way * c
-    x[Y] += way * s
-    x[YAW] = wrapped(yaw + turn)
+    x[:POSE] = east + way * c, north + way * s, wrapped(yaw + turn)
     aside = [way, *(way * a / 2 for a in by_turn[1:])]  # slopes of the way across
     slopes = np.array([[c * w - s * b for w, b in zip(by_way, aside, strict=True)],
                        [s * w + c * b for w, b in zip(by_way, aside, strict=True)], by_turn])  # fmt: skip
@@ -128,7 +115,7 @@ def propagate(x: Floats, P: Floats, step: Step) -> None:
     _follow(x, P, TURN, None if step.turn_rad is None else turn, MEASURED_TURN, np.array([0.0, 0.0, 1.0]), dt)
 
 
-def _follow(x: Floats, P: Floats, at: int, moved: float | None, deviation: float, direction: Floats, dt: float) -> None:
+def _follow(x: Floats, P: Floats, at: int, moved: float | None, sigma: float, along: Floats, dt: float) -> None:
     """Takes a velocity from what was measured, or lets it walk.
 
     A walk of density q adds q·dt to the velocity's variance, q·dt³/3 to the way's and q·dt²/2 between both.
@@ -136,11 +123,11 @@ def _follow(x: Floats, P: Floats, at: int, moved: float | None, deviation: float
     if moved is None:
         q = ACCELERATIONS[at - SPEED] ** 2 * dt
         P[at, at] += q
-        P[at, :POSE] += q * dt / 2 * direction
-        P[:POSE, at] += q * dt / 2 * direction
-        P[:POSE, :POSE] += q * dt**2 / 3 * np.outer(direction, direction)
+        P[at, :POSE] += q * dt / 2 * along
+        P[:POSE, at] += q * dt / 2 * along
+        P[:POSE, :POSE] += q * dt**2 / 3 * np.outer(along, along)
         return
     x[at] = moved / dt
-    if P[at, at] != deviation**2:  # else nothing has been correlated with it since it was measured
+    if P[at, at] != sigma**2:  # else nothing has been correlated with it since it was measured
         P[at], P[:, at] = 0.0, 0.0
-        P[at, at] = deviation**2
+        P[at, at] = sigma**2

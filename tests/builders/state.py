@@ -9,8 +9,8 @@ import numpy as np
 
 from ledpi.core.records import Floats
 from ledpi.pose.panel_map import MapPanel
-from ledpi.state.estimator import Estimator
-from ledpi.state.records import Look, Measured, Odometry, State, wrapped
+from ledpi.state.estimator import Estimator, State
+from ledpi.state.inputs import Look, Measured, Odometry, wrapped
 from tests.builders.map import panel
 
 FACES = {1: (4.0, 0.0, 180.0), 2: (0.0, 3.0, -90.0), 3: (-4.0, 0.0, 0.0), 4: (0.0, -3.0, 90.0)}  # x, y, yaw

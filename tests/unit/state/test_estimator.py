@@ -10,7 +10,7 @@ import pytest
 
 from ledpi.core.records import Rejected
 from ledpi.state.estimator import Estimator
-from ledpi.state.records import Look, Odometry, OdometryNoise
+from ledpi.state.inputs import Look, Odometry, OdometryNoise
 from tests.builders.state import SEAT, SECOND_NS, heard, look, odometry, room, state_at, still
 
 RATE = 0.5  # rad/s of a circle of 1 m

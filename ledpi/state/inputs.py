@@ -1,20 +1,19 @@
-"""A panel's pose, as the decoder gives it, in the plane that the robot drives in.
-
-Height, roll and pitch are left free: a chassis that tilts by ε moves a panel at the height h above it by ε·h.
-"""
+"""Inputs of the state: odometry, and panels in the plane that the robot drives in; height, roll and pitch are free."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.records import Floats, MarkerPose, Pose, Rejected
 from ledpi.pose.panel_map import MapPanel
-from ledpi.state.records import NO_POSE, Look, Measured
 
-TILT_RAD = math.radians(0.3)  # of a chassis on an even floor, standard deviation
+NO_POSE = Rejected(stage="state", reason="no_pose")
+
+TILT_RAD = math.radians(0.3)  # deviation of a chassis on an even floor: moves a panel at the height h by that · h
 SAME_RANGE, SAME_HEADING = 0.9, 0.75  # shares of the stated variance that are the same in the look 50 ms later
 ACROSS_REPEATS = 16.0  # so often is that across counted, instead of a number of the state: it is 100 times smaller
 SIZE_SHARE = 0.004  # deviation of a panel's size and of the lens's focal length, as a share
@@ -22,21 +21,61 @@ MOST_RANGE_SHARE = 0.03  # corners are within half a pixel: a range that is stat
 LEAST_HEADING_RAD = math.radians(0.1)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OdometryNoise:
+    """Errors of odometry: standard deviations, those of a random walk per root of what it grows with."""
+
+    base_m: float | None = None  # between the wheels; needed only where no gyro turns
+    way_per_m: float = 0.02  # m/√m of each wheel: 3 % of slip that lasts 0.5 s, at 0.5 m/s
+    yaw_per_m: float = math.radians(0.1)  # rad/√m, bumps; what wheels slip is counted from `way_per_m`
+    yaw_per_s: float = math.radians(0.1)  # rad/√s of a gyro
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Odometry:
+    """Running totals of a controller: a message that is lost loses no way."""
+
+    t_ns: int
+    left_m: float | None = None  # each wheel's way; None: no wheels
+    right_m: float | None = None
+    yaw_rad: float | None = None  # of the gyro, to the left; not wrapped; None: no gyro
+    restarted: bool = False  # the totals begin anew here
+    lifted: bool = False  # the robot may be anywhere
+    slipping: bool = False  # since the message before, the wheels' way tells nothing
+
+    @property
+    def totals(self) -> tuple[float | None, float | None, float | None]:
+        return self.left_m, self.right_m, self.yaw_rad
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """A panel's pose in the plane of base_link: its centre's x and y, and the heading of base_link in the map."""
+
+    value: Floats  # (3,)
+    covariance: Floats  # (3, 3) of what is new in each look
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """One look at one panel."""
+
+    t_ns: int  # mid-exposure of its centre row
+    panel: int
+    pose: Measured
+    alternate: Measured | None  # its mirror pose, where that is not excluded: the same place, another heading
+    range_share: float  # deviation of its distance that stays the same from look to look, as a share
+    heading_rad: float  # such a deviation of the heading
+
+
 def look_of(marker: MarkerPose, panel: MapPanel, base_from_camera: Floats) -> Look | Rejected:
     """Returns a panel's look; `base_from_camera` (4, 4) is the camera's seat."""
-    solutions = [each for each in (marker.solution, marker.alternate) if each is not None]
-    poses = [each.camera_from_marker for each in solutions]
+    poses = [each.camera_from_marker for each in (marker.solution, marker.alternate) if each is not None]
     if not poses or not all(_is_whole(pose) for pose in poses):
         return NO_POSE
     (pose, share, heading), *other = (_measured(each, panel, base_from_camera) for each in poses)
-    return Look(
-        t_ns=marker.mid_exposure_ns,
-        panel=marker.detection.id,
-        pose=pose,
-        alternate=other[0][0] if other else None,
-        range_share=share,
-        heading_rad=heading,
-    )
+    mirror = other[0][0] if other else None
+    return Look(marker.mid_exposure_ns, marker.detection.id, pose, mirror, share, heading)
 
 
 def _is_whole(pose: Pose) -> bool:
@@ -80,9 +119,13 @@ def split_noise(value: Floats, stated: Floats, camera_xy: Floats, height_m: floa
     believed = min(along, MOST_RANGE_SHARE * distance)
     new = np.sqrt([(1 - SAME_RANGE) * (believed / along) ** 2, ACROSS_REPEATS, 1 - SAME_HEADING])
     covariance = turned * np.outer(new, new)
-    # A correlation of the part across with the others would be as if it repeated: left out.
-    covariance[1, [0, 2]] = covariance[[0, 2], 1] = 0.0
+    covariance[1, [0, 2]] = covariance[[0, 2], 1] = 0.0  # else they would be as if they repeated, too
     tilt = (TILT_RAD * height_m) ** 2
     covariance[np.diag_indices(3)] += tilt, tilt, LEAST_HEADING_RAD**2
     share = math.hypot(SIZE_SHARE, math.sqrt(SAME_RANGE) * believed / distance)
-    return Measured(value=value, covariance=axes.T @ covariance @ axes), share, math.sqrt(SAME_HEADING) * heading
+    return Measured(value, axes.T @ covariance @ axes), share, math.sqrt(SAME_HEADING) * heading
+
+
+def wrapped(angle: float) -> float:
+    """Returns it within -π to π."""
+    return math.remainder(angle, math.tau)
