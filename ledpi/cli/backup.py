@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from ledpi.cli import app
-from ledpi.core.errors import ConfigError
 from ledpi.core.wording import one_line
-
-if TYPE_CHECKING:
-    from ledpi.tools.backup import Kept
 
 
 @app.command()
@@ -59,42 +53,18 @@ def restore(
     Example: ledpi restore robot.ledpi --config /etc/ledpi/config.yaml
     """
     from ledpi.config.settings import find_config
+    from ledpi.core.errors import ConfigError
     from ledpi.core.files import read_bytes
-    from ledpi.tools.backup import targets, unpack
-    from ledpi.tools.calibrate.files import check_writable, write_keeping_old
+    from ledpi.tools.backup import MAX_BYTES, RULE, to_write, unpack
+    from ledpi.tools.calibrate.files import write_keeping_old
 
-    saved = unpack(path)
-    _check(path, saved.files)
-    where = targets(saved, find_config(config) or Path("config.yaml"))
+    saved = unpack(read_bytes(path, ConfigError, MAX_BYTES), path)
+    changed = to_write(saved, find_config(config) or Path("config.yaml"), path)
     typer.echo(f"{path}: made {saved.made} by ledpi {saved.made_by}")
-    changed = [(to, file) for to, file in where if not to.is_file() or read_bytes(to, ConfigError) != file.content]
-    for to, _ in changed:
-        if not to.parent.is_dir():
-            raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")
-    check_writable(*(to for to, _ in changed))
     for to, file in changed:
         kept = write_keeping_old(to, file.content)
         typer.echo(one_line(f"{file.kind}: {to}" + (f"; the older one is {kept}" if kept is not None else "")))
     if not changed:
         typer.echo("Everything is there already.")
-    elif any(file.kind == "udev rule" for _, file in changed):
+    elif any(file.kind == RULE for _, file in changed):
         typer.echo("Next: sudo udevadm control --reload; sudo udevadm trigger --subsystem-match=tty")
-
-
-def _check(path: Path, files: list[Kept]) -> None:
-    """Raises ConfigError where what is restored would be wrong: tried in a folder of its own."""
-    from ledpi.config.check import mistakes_in
-    from ledpi.markers.dictionaries import FILE_ENDINGS
-    from ledpi.tools.backup import CONFIG, KEYS, RULE
-
-    with tempfile.TemporaryDirectory(prefix="ledpi-restore-") as name:
-        overrides = []
-        for number, file in enumerate(files):
-            tried = Path(name) / f"{number}-{file.kind}{next(filter(file.path.endswith, FILE_ENDINGS), '.yaml')}"
-            tried.write_bytes(file.content)
-            if file.kind == CONFIG:
-                config = tried
-            elif file.kind != RULE:
-                overrides.append(f"{KEYS[file.kind]}={tried}")
-        if mistakes := mistakes_in(config, overrides):
-            raise ConfigError(f"{path}: {'; '.join(mistakes).replace(f'{name}/', '')}")

@@ -12,6 +12,7 @@ import lzma
 import os
 import re
 import struct
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,7 +26,8 @@ from ledpi.config.settings import sections
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import MAX_TEXT_BYTES, parse_yaml, read_bytes
 from ledpi.core.wording import one_line, shortened_name
-from ledpi.markers.dictionaries import is_file
+from ledpi.markers.dictionaries import FILE_ENDINGS, is_file
+from ledpi.tools.calibrate.files import check_writable
 from ledpi.tools.own_rule import foreign_line
 
 VERSION = 1  # of the archive's form
@@ -92,9 +94,8 @@ def pack(files: Sequence[Kept]) -> bytes:
     return out.getvalue()
 
 
-def unpack(path: Path) -> Backup:
-    """Reads an archive, whole. Raises ConfigError where it is none, or of a newer version."""
-    data = read_bytes(path, ConfigError, MAX_BYTES)
+def unpack(data: bytes, where: object) -> Backup:
+    """Reads an archive, whole. Raises ConfigError, which begins with `where`, if it is none, or of a newer version."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             head = json.loads(_member(archive, CONTENTS))
@@ -102,25 +103,59 @@ def unpack(path: Path) -> Backup:
             if version != VERSION:
                 by = f"made by ledpi {shortened_name(head.get('ledpi'))}"
                 has = shortened_name(version)
-                raise ConfigError(f"{path}: is a backup of version {has}, {by}; this ledpi reads version {VERSION}")
+                raise ConfigError(f"{where}: is a backup of version {has}, {by}; this ledpi reads version {VERSION}")
             by, made = (one_line(shortened_name(head[key])) for key in ("ledpi", "made"))
             return Backup(by, made, list(_files(archive, head["files"])))
     except _BROKEN:
-        raise ConfigError(f"{path}: is no whole backup; must be a file that `ledpi backup` wrote") from None
+        raise ConfigError(f"{where}: is no whole backup; must be a file that `ledpi backup` wrote") from None
+
+
+def to_write(backup: Backup, file: Path, where: object) -> list[tuple[Path, Kept]]:
+    """Returns what is other than it is here, and where it goes, if the configuration is `file`.
+
+    Raises ConfigError, which begins with `where`, if anything that would be restored is wrong or cannot be written.
+    """
+    found = targets(backup, file)
+    _check(backup.files, where)
+    changed = [(to, kept) for to, kept in found if not to.is_file() or read_bytes(to, ConfigError) != kept.content]
+    for to, _ in changed:
+        if not to.parent.is_dir():
+            raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")
+    check_writable(*(to for to, _ in changed))
+    return changed
+
+
+def _check(files: Sequence[Kept], where: object) -> None:
+    """Raises ConfigError where what is restored would be wrong: tried in a folder of its own."""
+    with tempfile.TemporaryDirectory(prefix="ledpi-restore-") as name:
+        overrides = []
+        for number, file in enumerate(files):
+            tried = Path(name) / f"{number}-{file.kind}{next(filter(file.path.endswith, FILE_ENDINGS), '.yaml')}"
+            tried.write_bytes(file.content)
+            if file.kind == CONFIG:
+                config = tried
+            elif file.kind != RULE:
+                overrides.append(f"{KEYS[file.kind]}={tried}")
+        if mistakes := mistakes_in(config, overrides):
+            raise ConfigError(f"{where}: {'; '.join(mistakes).replace(f'{name}/', '')}")
 
 
 def targets(backup: Backup, file: Path) -> list[tuple[Path, Kept]]:
     """Returns where each file goes, if the configuration is `file`; the configuration last.
 
     The configuration inside says so, not the archive's own list: a lens goes where that says that a lens is. Raises
-    ConfigError where that is outside of its folder, and for a file that it does not name.
+    ConfigError where that is outside of its folder, for a file that it does not name, and where one that it names is
+    missing: it would be looked for on this machine.
     """
     (config,) = (kept for kept in backup.files if kept.kind == CONFIG)
     raw = parse_yaml(config.content.decode("utf-8-sig", "replace"), f"{file}, from the backup", ConfigError)
     named = _paths(raw if isinstance(raw, dict) else {})
-    return sorted(
-        ((_target(kept, file, named), kept) for kept in backup.files), key=lambda one: KINDS.index(one[1].kind)
-    )
+    found = [(_target(kept, file, named), kept) for kept in backup.files]
+    kinds = {kept.kind for kept in backup.files}
+    for kind, path in named.items():
+        if kind not in kinds:
+            raise ConfigError(f"{KEYS[kind]}: {shortened_name(path)} is not in the backup, which must be whole")
+    return sorted(found, key=lambda one: KINDS.index(one[1].kind))
 
 
 def _target(kept: Kept, file: Path, named: Mapping[str, str]) -> Path:

@@ -267,6 +267,16 @@ def test_an_archive_writes_nowhere_else(
     assert sorted(here.rglob("*")) == before
 
 
+def test_an_archive_without_a_file_that_it_names_is_refused(here: Path, robot: Path, ledpi: Ledpi) -> None:
+    """It would be read on this machine, as root perhaps, and what is wrong with it told."""
+    with zipfile.ZipFile(here / "robot.ledpi") as archive:
+        head = json.loads(archive.read(backup.CONTENTS))
+    del head["files"][2]
+    _changed(here / "robot.ledpi", backup.CONTENTS, json.dumps(head))
+    said = complaint(ledpi("restore", "robot.ledpi", "--config", robot / "config.yaml"))
+    assert said == "ledpi: map: markers.yaml is not in the backup, which must be whole"
+
+
 def test_a_configuration_from_an_archive_names_files_below_its_folder(here: Path, robot: Path, ledpi: Ledpi) -> None:
     """As root, else, a lens could be any file of the machine."""
     outside = here / "outside.yaml"
