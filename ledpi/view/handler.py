@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from ledpi import __version__
-from ledpi.core.errors import TapError
+from ledpi.core.errors import LedpiError, TapError, TransientError
 from ledpi.view.connections import BoundedServer, Hurried
 from ledpi.view.guard import HEADERS, Guard, Refusal
 
@@ -32,6 +32,7 @@ class RequestHandler(BaseHTTPRequestHandler):
     """One connection. A further class has its `answers`."""
 
     answers: ClassVar[Answers] = {}
+    statuses: ClassVar[dict[type[Exception], int]] = {}  # of errors that are neither the request's nor pass
     server: GuardedServer
     protocol_version = "HTTP/1.1"
     server_version, sys_version = f"ledpi/{__version__}", ""
@@ -80,8 +81,11 @@ class RequestHandler(BaseHTTPRequestHandler):
             return
         try:
             answer(self, {key: values[-1] for key, values in parse_qs(url.query).items()}, body)
-        except TapError as error:
-            self._refuse(Refusal(status=503, says=str(error)), close=False)
+        except LedpiError as error:
+            passing = isinstance(error, TapError | TransientError)
+            self._refuse(
+                Refusal(status=503 if passing else self.statuses.get(type(error), 400), says=str(error)), close=False
+            )
         except ValueError as error:
             self._refuse(Refusal(status=400, says=str(error)))
 
