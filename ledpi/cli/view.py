@@ -88,7 +88,7 @@ def _share_memory() -> None:
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
 
 
-def _open(settings: ViewSettings, hub: Hub, file: Settings) -> tuple[ViewServer, str]:
+def _open(settings: ViewSettings, hub: Hub, keys: Settings) -> tuple[ViewServer, str]:
     """The listening server, and the token that it wants. Raises ConfigError where the address cannot be had."""
     import socket
 
@@ -102,7 +102,7 @@ def _open(settings: ViewSettings, hub: Hub, file: Settings) -> tuple[ViewServer,
     own = socket.gethostname().lower()
     guard = Guard(token=token, names=frozenset({"localhost", own, f"{own}.local", *settings.hosts}))
     try:
-        return ViewServer((host, port), guard, hub, file), token
+        return ViewServer((host, port), guard, hub, keys), token
     except OSError as error:
         what = "is in use; choose another port, or end what uses it" if error.errno == 98 else f"{error.strerror}"
         raise ConfigError(f"view.listen: {settings.listen}: {what}") from None
