@@ -64,8 +64,8 @@ def explain_all(error: ValidationError, model: type[BaseModel]) -> list[str]:
 def _explained(problem: ErrorDetails, model: type[BaseModel]) -> str:
     location = problem["loc"]
     unknown = problem["type"] in _UNKNOWN
-    branch = location[-1] if not unknown and location[-1] in _BRANCHES else None
-    key = ".".join(shortened_name(part) for part in (location if branch is None else location[:-1]))
+    branch = location[-1] if location and not unknown and location[-1] in _BRANCHES else None
+    key = ".".join(shortened_name(part) for part in (location if branch is None else location[:-1])) or "keys"
     if unknown:
         allowed = sorted(_section_at(model, location[:-1]).model_fields)
         close = difflib.get_close_matches(shortened_name(location[-1]), allowed, n=1)

@@ -159,6 +159,7 @@ def test_set_changes_keys_and_nothing_else(here: Path, ledpi: Ledpi) -> None:
         ("panels.side_m=160", "must be in metres"),
         ("panels.ids=[99]", "has only the IDs 0 to 49"),
         ("panels.side_m", "must be KEY=VALUE"),
+        ("\udcff=1", "keys: must be a valid string"),  # a byte that is no UTF-8
     ],
 )
 def test_set_writes_nothing_that_is_wrong(here: Path, item: str, said: str, ledpi: Ledpi) -> None:
