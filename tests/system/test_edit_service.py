@@ -38,6 +38,7 @@ def test_only_the_page_s_service_may_ask_and_two_folders_are_written() -> None:
     assert [str(SOCKET)] == LISTENER.values("ListenStream") == [str(socket_of(Path("/etc/ledpi/config.yaml")))]
     assert str(socket_of(Path("/etc/ledpi/front.yaml"))) == f"{SOCKET}-front"
     assert SERVICE.values("ReadWritePaths") == ["/etc/ledpi -/var/lib/ledpi"]
+    assert SERVICE.values("TemporaryFileSystem") == ["/etc:ro /run:ro"]  # ProtectSystem=strict leaves /run writable
     assert f"ListenStream={SOCKET}-%i\n" in for_several(LISTENER.text)
     assert "--config /etc/ledpi/%i.yaml\n" in for_several(SERVICE.text)
 
