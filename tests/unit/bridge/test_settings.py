@@ -20,6 +20,7 @@ MISTAKES = [
     ("{a: {kind: udp}}", "outputs.a: must have a host: the address that udp sends to"),
     ("{a: {kind: udp, host: x}}", "outputs.a: must have a port; udp has none of its own"),
     ("{a: {kind: udp, host: x, port: 5, tls: true}}", "outputs.a: has tls, which is not for udp; udp takes host, port"),
+    ('{a: {kind: tcp, port: 5, host: "a\\nb"}}', "outputs.a.host: must be a name or an address alone, as robot.lan"),
     ("{a: {kind: mqtt, host: x, ca_file: c.pem}}", "outputs.a: has ca_file, which needs tls: true"),
     ("{a: {kind: mqtt, host: x, user: me}}", "outputs.a: must have user and password_file together"),
     ("{a: {kind: mqtt, host: x, topic: 'a/#'}}", "outputs.a.topic: must be words of letters, digits, _ and -"),
