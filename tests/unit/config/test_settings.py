@@ -135,15 +135,15 @@ def test_a_mistake_is_one_line(override: str, expected: str) -> None:
     assert text.startswith(f"{SHIPPED}: ")
     assert expected in text
     assert "\n" not in text
-    assert "more)" not in text
+    assert " more: `" not in text
     assert "pydantic" not in text
     assert "Settings" not in text
 
 
 def test_further_mistakes_are_counted() -> None:
-    """The first mistake is told in full, the others are counted once each."""
+    """The first mistake is told in full, the others are counted once each, with the command that lists them."""
     text = message(SHIPPED, "camera.frame_duration_us=abc", "camera.row_time_us=x", "serial.baud=3")
-    assert text.endswith("(and 2 more)")
+    assert text.endswith(f"(and 2 more: `ledpi config check --config {SHIPPED}` lists them)")
 
 
 def test_missing_size_names_the_key(tmp_path: Path) -> None:
