@@ -17,7 +17,8 @@ import zenoh
 
 from ledpi.bridge.target import Line, TargetLostError
 from ledpi.config.outputs import OutputSettings
-from ledpi.ros.contents import Message, Names, frame_messages, health_message
+from ledpi.ros.contents import Message, Names
+from ledpi.ros.stream import RosStream
 from ledpi.ros.types import to_cdr, type_hash
 
 NODE = "ledpi"
@@ -41,7 +42,17 @@ class ZenohTarget:
         self._where = f"{host}:{port}"
         self._endpoint = f"tcp/{f'[{host}]' if ':' in host else host}:{port}"
         self._domain = settings.domain
-        self._names = Names(topic=f"/{settings.base_topic}", camera_frame=settings.camera_frame)
+        self._stream = RosStream(
+            Names(
+                topic=f"/{settings.base_topic}",
+                source=settings.base_topic,
+                camera_frame=settings.camera_frame,
+                map_frame=settings.map_frame,
+                frame_prefix=settings.frame_prefix,
+                publish_tf=settings.publish_tf,
+                dock_id=settings.dock_id,
+            )
+        )
         self._session: Any = None
         self._publishers: dict[str, _Publisher] = {}
         self._tokens: list[Any] = []
@@ -59,17 +70,18 @@ class ZenohTarget:
             time.sleep(0.02)
 
     def tell_setup(self, hello: Line) -> None:
-        """Nothing: each message stands for itself."""
+        """The panels' sides; nothing is sent."""
+        self._stream.begin(hello)
 
     def send(self, frame: Line, now_ns: int) -> bool:
         self.tick()
-        for message in frame_messages(frame, self._names, time.time_ns() - time.monotonic_ns()):
+        for message in self._stream.frame(frame, time.time_ns() - time.monotonic_ns()):
             self._put(message)
         return True
 
     def tell_state(self, state: str, health: Line | None) -> None:
         self.tick()
-        self._put(health_message(state, health, self._names, time.time_ns()))
+        self._put(self._stream.health(state, health, time.time_ns()))
 
     def tick(self) -> None:
         if not self._has_router():

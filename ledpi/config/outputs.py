@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 from typing_extensions import Self
 
-from ledpi.config.values import MaxAgeMs, Section
+from ledpi.config.values import MarkerId, MaxAgeMs, Section
 
 Kind = Literal["stdout", "udp", "tcp", "mqtt", "nt", "zenoh"]
 # The keys that each kind takes beside `kind`, and its port where none is given. Those with `host` need one.
@@ -21,7 +21,10 @@ KEYS: dict[Kind, tuple[str, ...]] = {
     "tcp": ("host", "port", "format", "max_age_ms"),
     "mqtt": ("host", "port", "topic", "client_id", "tls", "ca_file", "user", "password_file", "max_age_ms"),
     "nt": ("host", "port", "topic", "photon_camera", "max_age_ms"),
-    "zenoh": ("host", "port", "topic", "domain", "camera_frame", "max_age_ms"),
+    "zenoh": (
+        *("host", "port", "topic", "domain", "camera_frame", "map_frame", "frame_prefix", "publish_tf", "dock_id"),
+        "max_age_ms",
+    ),
 }
 PORTS: dict[Kind, int] = {"mqtt": 1883, "nt": 5810, "zenoh": 7447}
 MQTT_TLS_PORT = 8883
@@ -46,6 +49,9 @@ _WIDER = r"[A-Za-z0-9_-]+"  # as hosts are named; ROS 2 has no -
 Topic = Annotated[
     str, _of_the_form(rf"(?=.{{1,200}}$){_WIDER}(/{_WIDER})*", "words of letters, digits, _ and -, with / between")
 ]
+FramePrefix = Annotated[
+    str, _of_the_form(r"(?!/)[A-Za-z0-9_/]{0,100}", "letters, digits and _, with / between or behind, as front/")
+]
 ClientId = Annotated[str, _of_the_form(r"[!-~]{1,200}", "1 to 200 letters, digits and signs, without blanks")]
 
 
@@ -66,6 +72,10 @@ class OutputSettings(Section):
     photon_camera: Annotated[str, _of_the_form(r"[^/]{1,60}", "a name without /")] | None = None
     domain: Annotated[int, Field(ge=0, le=232)] = 0
     camera_frame: RosName = "camera_optical_frame"
+    map_frame: RosName = "map"
+    frame_prefix: FramePrefix = ""
+    publish_tf: bool = True
+    dock_id: MarkerId | None = None
 
     @model_validator(mode="after")
     def _has_keys_of_its_kind(self) -> Self:
