@@ -16,9 +16,9 @@ from ledpi.config.values import MarkerId, MaxAgeMs, Section
 Kind = Literal["stdout", "udp", "tcp", "mqtt", "nt", "zenoh"]
 # The keys that each kind takes beside `kind`, and its port where none is given. Those with `host` need one.
 KEYS: dict[Kind, tuple[str, ...]] = {
-    "stdout": ("format", "max_age_ms"),
-    "udp": ("host", "port", "format", "max_age_ms"),
-    "tcp": ("host", "port", "format", "max_age_ms"),
+    "stdout": ("format", "mavlink_profile", "max_age_ms"),
+    "udp": ("host", "port", "format", "mavlink_profile", "max_age_ms"),
+    "tcp": ("host", "port", "format", "mavlink_profile", "max_age_ms"),
     "mqtt": ("host", "port", "topic", "client_id", "tls", "ca_file", "user", "password_file", "max_age_ms"),
     "nt": ("host", "port", "topic", "photon_camera", "max_age_ms"),
     "zenoh": (
@@ -62,7 +62,8 @@ class OutputSettings(Section):
     max_age_ms: MaxAgeMs | None = None  # that of `serial`
     host: Annotated[str, Field(min_length=1, max_length=253)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] | None = None
-    format: Literal["json", "wire"] = "json"
+    format: Literal["json", "wire", "mavlink"] = "json"
+    mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"
     topic: Topic | None = None  # see `base_topic`
     client_id: ClientId | None = None
     tls: bool = False
@@ -88,6 +89,8 @@ class OutputSettings(Section):
             raise ValueError(f"must have a port; {self.kind} has none of its own")
         if self.kind == "zenoh" and self.topic is not None and not re.fullmatch(rf"{_WORD}(/{_WORD})*", self.topic):
             raise ValueError(f"has topic {self.topic}; ROS 2's words have letters, digits and _, a digit never first")
+        if "mavlink_profile" in self.model_fields_set and self.format != "mavlink":
+            raise ValueError("has mavlink_profile, which needs format: mavlink")
         if self.ca_file is not None and not self.tls:
             raise ValueError("has ca_file, which needs tls: true")
         if (self.password_file is None) != (self.user is None):

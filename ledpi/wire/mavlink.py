@@ -34,13 +34,16 @@ NED_FROM_ENU = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_FROM_FLU = np.diag([1.0, -1, -1])
 
 
-def load_dialect() -> Any:
-    """pymavlink's module of MAVLink 2's common messages. Raises ConfigError where it is not installed."""
+def load_dialect(key: str = "serial.protocol") -> Any:
+    """pymavlink's module of MAVLink 2's common messages. Raises ConfigError where it is not installed.
+
+    `key`: of the configuration, which asks for it.
+    """
     try:
         from pymavlink.dialects.v20 import common
     except ImportError:
         raise ConfigError(
-            f"serial.protocol: mavlink needs pymavlink, which is not installed: {install_command('mavlink')}"
+            f"{key}: mavlink needs pymavlink, which is not installed: {install_command('mavlink')}"
         ) from None
     return common
 
