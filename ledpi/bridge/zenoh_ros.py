@@ -21,7 +21,6 @@ from ledpi.ros.contents import Message, Names
 from ledpi.ros.stream import RosStream
 from ledpi.ros.types import to_cdr, type_hash
 
-NODE = "ledpi"
 OPEN_S = 0.25  # that one look for the router takes
 GOODBYE_S = 2.0  # within which a router that listens has taken what is on its way
 QOS = "::,10:,:,:,,"  # rmw's default but for the depth: what is default is left empty
@@ -42,6 +41,8 @@ class ZenohTarget:
         self._where = f"{host}:{port}"
         self._endpoint = f"tcp/{f'[{host}]' if ':' in host else host}:{port}"
         self._domain = settings.domain
+        namespace, _, node = settings.base_topic.rpartition("/")  # so robots with topics of their own are nodes, too
+        self._node = f"%/{mangled(f'/{namespace}')}/{node}"  # behind its enclave
         self._stream = RosStream(
             Names(
                 topic=f"/{settings.base_topic}",
@@ -61,8 +62,8 @@ class ZenohTarget:
         """Zenoh itself goes on looking while it has not found the router."""
         if self._session is None:
             self._session = zenoh.open(self._config())
-            node = f"{self._token_begin(0)}/NN/%/%/{NODE}"
-            self._tokens = [self._session.liveliness().declare_token(node)]
+            token = f"{self._token_begin(0)}/NN/{self._node}"
+            self._tokens = [self._session.liveliness().declare_token(token)]
         until_s = time.monotonic() + OPEN_S
         while not self._has_router():
             if time.monotonic() > until_s:
@@ -132,8 +133,8 @@ class ZenohTarget:
     def _declare(self, message: Message) -> _Publisher:
         entity = len(self._publishers) + 1
         kind, its_hash = dds_type(message.type), type_hash(message.type)
-        topic = message.topic.replace("/", "%")
-        token = f"{self._token_begin(entity)}/MP/%/%/{NODE}/{topic}/{kind}/{its_hash}/{QOS}"
+        topic = mangled(message.topic)
+        token = f"{self._token_begin(entity)}/MP/{self._node}/{topic}/{kind}/{its_hash}/{QOS}"
         self._tokens.append(self._session.liveliness().declare_token(token))
         return _Publisher(self._session, f"{self._domain}{message.topic}/{kind}/{its_hash}", entity)
 
@@ -165,6 +166,11 @@ def _part(session: Any, declared: list[Any]) -> None:
             each.undeclare()
     with suppress(zenoh.ZError):
         session.close()
+
+
+def mangled(name: str) -> str:
+    """A name of ROS 2 as one part of a key of Zenoh's."""
+    return name.replace("/", "%")
 
 
 def dds_type(name: str) -> str:
