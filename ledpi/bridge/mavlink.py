@@ -24,9 +24,9 @@ class MavlinkPayload(Payload):
     Each packet is a datagram of its own: ArduPilot's network ports cut one after 300 bytes.
     """
 
-    def __init__(self, profile: Profile) -> None:
-        """Raises ConfigError without pymavlink."""
-        self._profile = profile
+    def __init__(self, profile: Profile, system: int) -> None:
+        """`system`: the vehicle's. Raises ConfigError without pymavlink."""
+        self._profile, self._system = profile, system
         self._resets = Resets()
         self._mavlink = self._codec(np.eye(4))
 
@@ -48,7 +48,7 @@ class MavlinkPayload(Payload):
         return self._packet(status(state, health or {}), 0)
 
     def _codec(self, camera: Floats) -> Mavlink:
-        return Mavlink(base_link_from_camera=camera, profile=self._profile, resets=self._resets)
+        return Mavlink(base_link_from_camera=camera, profile=self._profile, system=self._system, resets=self._resets)
 
     def _packet(self, message: Message, now_ns: int) -> bytes:
         packet = self._mavlink.encode(message, now_ns)

@@ -36,7 +36,7 @@ def payload_of(settings: OutputSettings) -> Payload:
     if settings.format == "mavlink":
         from ledpi.bridge.mavlink import MavlinkPayload
 
-        return MavlinkPayload(settings.mavlink_profile)
+        return MavlinkPayload(settings.mavlink_profile, settings.mavlink_system)
     return JsonPayload() if settings.format == "json" else WirePayload()
 
 

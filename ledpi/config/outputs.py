@@ -11,14 +11,15 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 from typing_extensions import Self
 
-from ledpi.config.values import MarkerId, MaxAgeMs, Section
+from ledpi.config.values import MarkerId, MavlinkProfile, MavlinkSystem, MaxAgeMs, Section
 
 Kind = Literal["stdout", "udp", "tcp", "mqtt", "nt", "zenoh"]
+MAVLINK_KEYS = ("mavlink_profile", "mavlink_system")  # of format: mavlink
 # The keys that each kind takes beside `kind`, and its port where none is given. Those with `host` need one.
 KEYS: dict[Kind, tuple[str, ...]] = {
-    "stdout": ("format", "mavlink_profile", "max_age_ms"),
-    "udp": ("host", "port", "format", "mavlink_profile", "max_age_ms"),
-    "tcp": ("host", "port", "format", "mavlink_profile", "max_age_ms"),
+    "stdout": ("format", *MAVLINK_KEYS, "max_age_ms"),
+    "udp": ("host", "port", "format", *MAVLINK_KEYS, "max_age_ms"),
+    "tcp": ("host", "port", "format", *MAVLINK_KEYS, "max_age_ms"),
     "mqtt": ("host", "port", "topic", "client_id", "tls", "ca_file", "user", "password_file", "max_age_ms"),
     "nt": ("host", "port", "topic", "photon_camera", "max_age_ms"),
     "zenoh": (
@@ -63,7 +64,8 @@ class OutputSettings(Section):
     host: Annotated[str, Field(min_length=1, max_length=253)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] | None = None
     format: Literal["json", "wire", "mavlink"] = "json"
-    mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"
+    mavlink_profile: MavlinkProfile = "ardupilot"
+    mavlink_system: MavlinkSystem = 1
     topic: Topic | None = None  # see `base_topic`
     client_id: ClientId | None = None
     tls: bool = False
@@ -89,8 +91,9 @@ class OutputSettings(Section):
             raise ValueError(f"must have a port; {self.kind} has none of its own")
         if self.kind == "zenoh" and self.topic is not None and not re.fullmatch(rf"{_WORD}(/{_WORD})*", self.topic):
             raise ValueError(f"has topic {self.topic}; ROS 2's words have letters, digits and _, a digit never first")
-        if "mavlink_profile" in self.model_fields_set and self.format != "mavlink":
-            raise ValueError("has mavlink_profile, which needs format: mavlink")
+        for key in MAVLINK_KEYS:
+            if key in self.model_fields_set and self.format != "mavlink":
+                raise ValueError(f"has {key}, which needs format: mavlink")
         if self.ca_file is not None and not self.tls:
             raise ValueError("has ca_file, which needs tls: true")
         if (self.password_file is None) != (self.user is None):

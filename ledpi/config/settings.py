@@ -22,6 +22,8 @@ from ledpi.config.values import (
     GainOrAuto,
     HostName,
     Listen,
+    MavlinkProfile,
+    MavlinkSystem,
     MaxAgeMs,
     Microseconds,
     MicrosecondsOrAuto,
@@ -96,7 +98,8 @@ class SerialSettings(Section):
     port: Annotated[str, Field(min_length=1)] | None = None
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
     protocol: Literal["ledpi", "mavlink"] = "ledpi"
-    mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"
+    mavlink_profile: MavlinkProfile = "ardupilot"
+    mavlink_system: MavlinkSystem = 1
     max_age_ms: MaxAgeMs = 100.0
 
 

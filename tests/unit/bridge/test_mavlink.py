@@ -42,7 +42,9 @@ def test_an_autopilot_on_the_network_hears_what_one_on_the_serial_line_does(kind
         while (message := autopilot.recv_msg()) is not None:
             heard.append(message)
 
-    target = open_target("fc", OutputSettings(kind=kind, host="127.0.0.1", port=port, format="mavlink"))
+    target = open_target(
+        "fc", OutputSettings(kind=kind, host="127.0.0.1", port=port, format="mavlink", mavlink_system=5)
+    )
     target.open()
     target.tell_setup(hello([0.0, 0.0, 0.0]))
     target.tell_state("running", HEALTH)
@@ -61,6 +63,7 @@ def test_an_autopilot_on_the_network_hears_what_one_on_the_serial_line_does(kind
     assert (panel.x, panel.y, panel.z) == pytest.approx((2.1, 0, 0), abs=1e-6)
     assert panel.time_usec == exposed_ns // 1000
     assert [message.get_seq() for message in heard] == list(range(6))
+    assert {message.get_srcSystem() for message in heard} == {5}
     target.close()
     autopilot.close()
 
