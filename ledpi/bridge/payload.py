@@ -107,46 +107,35 @@ class WirePayload(Payload):
 def messages_of(frame: Line, now_ns: int, map_resets: int = 0) -> list[Message]:
     """The fix first, then the panels; without those that must not be sent."""
     found: list[Message] = []
-    with suppress(WireError):
-        found += _fixes(frame, now_ns, map_resets)
-    with suppress(WireError):
-        found += _markers(frame, now_ns)
+    if frame["robot"] is not None:
+        with suppress(WireError):
+            found.append(_fix(frame["robot"], now_ns, map_resets))
+    for marker in frame["markers"]:
+        with suppress(WireError):
+            found += _marker(marker, now_ns)
     return found
 
 
-def _fixes(frame: Line, now_ns: int, map_resets: int) -> list[Message]:
-    fix = frame["robot"]
-    if fix is None:
-        return []
-    return [
-        FixMessage(
-            age_us=(now_ns - fix["exposed_ns"]) // 1000,
-            pose=wire_pose(pose_of(fix)),
-            panels_used=len(fix["panels_used"]),
-            map_resets=map_resets,
-        )
-    ]
+def _fix(fix: Line, now_ns: int, map_resets: int) -> FixMessage:
+    return FixMessage(
+        age_us=(now_ns - fix["exposed_ns"]) // 1000,
+        pose=wire_pose(pose_of(fix)),
+        panels_used=len(fix["panels_used"]),
+        map_resets=map_resets,
+    )
 
 
-def _markers(frame: Line, now_ns: int) -> list[Message]:
-    messages: list[Message] = []
-    for marker in frame["markers"]:
-        age_us = (now_ns - marker["exposed_ns"]) // 1000
-        uncalibrated, other = marker["position_m"] is None, marker["alternate"]
-        pose = None if uncalibrated else wire_pose(pose_of(marker))
-        messages.append(
-            MarkerMessage(
-                id=marker["id"],
-                age_us=age_us,
-                pose=pose,
-                uncalibrated=uncalibrated,
-                ambiguous=other is not None,
-            )
-        )
-        if other is not None:
-            pose = wire_pose(pose_of(other))
-            messages.append(MarkerMessage(id=marker["id"], age_us=age_us, pose=pose, ambiguous=True, alternate=True))
-    return messages
+def _marker(marker: Line, now_ns: int) -> list[Message]:
+    """One panel's, and its mirror pose's where that is not excluded."""
+    age_us = (now_ns - marker["exposed_ns"]) // 1000
+    uncalibrated, other = marker["position_m"] is None, marker["alternate"]
+    pose = None if uncalibrated else wire_pose(pose_of(marker))
+    ambiguous = other is not None
+    first = MarkerMessage(id=marker["id"], age_us=age_us, pose=pose, uncalibrated=uncalibrated, ambiguous=ambiguous)
+    if other is None:
+        return [first]
+    pose = wire_pose(pose_of(other))
+    return [first, MarkerMessage(id=marker["id"], age_us=age_us, pose=pose, ambiguous=True, alternate=True)]
 
 
 def status(state: str, health: Line) -> StatusMessage:

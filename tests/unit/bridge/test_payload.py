@@ -48,9 +48,12 @@ def test_packets_hold_the_fix_first_then_markers_each_with_its_own_age() -> None
 def test_a_pose_that_fits_no_packet_is_left_out_and_the_others_are_sent() -> None:
     """As on the serial line."""
     frame = decoded(3)
-    far = PLACE | {"position_m": [2000.0, 0.0, 0.0], "exposed_ns": frame["exposed_ns"], "panels_used": []}
-    (message,) = Receiver().feed(*payload("wire").frame(frame | {"robot": far}, frame["exposed_ns"]))
+    at_ns = frame["exposed_ns"]
+    far = PLACE | {"position_m": [2000.0, 0.0, 0.0], "exposed_ns": at_ns, "panels_used": []}
+    markers = [PANEL | far | {"id": 9}, *frame["markers"]]
+    (message,) = Receiver().feed(*payload("wire").frame(frame | {"robot": far, "markers": markers}, at_ns))
     assert isinstance(message, MarkerMessage)
+    assert message.id == 7
 
 
 def test_the_daemons_state_is_a_status_packet() -> None:
