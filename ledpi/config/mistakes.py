@@ -40,18 +40,20 @@ SECRET = "token"  # how the last word of a key ends whose value nobody is shown
 _BRANCHES = ("number", "auto", "[key]")
 
 
-def validated(model: type[M], raw: Any, where: str, error_type: type[LedpiError]) -> M:
-    """The values as this model. Raises `error_type`, one line: where, key, what is wrong, what would be right."""
+def validated(model: type[M], raw: Any, where: str, error_type: type[LedpiError], more: str = "more") -> M:
+    """The values as this model. Raises `error_type`, one line: where, key, what is wrong, what would be right; and the
+    number of further mistakes, as `more`.
+    """
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        raise error_type(f"{where}: {explain(error, model)}") from None
+        raise error_type(f"{where}: {explain(error, model, more)}") from None
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> str:
+def explain(error: ValidationError, model: type[BaseModel], more: str = "more") -> str:
     """One line for the first thing that is wrong in a `model`, with the number of the others."""
     first, *others = explain_all(error, model)
-    return first + (f" (and {len(others)} more)" if others else "")
+    return first + (f" (and {len(others)} {more})" if others else "")
 
 
 def explain_all(error: ValidationError, model: type[BaseModel]) -> list[str]:
@@ -64,8 +66,8 @@ def explain_all(error: ValidationError, model: type[BaseModel]) -> list[str]:
 def _explained(problem: ErrorDetails, model: type[BaseModel]) -> str:
     location = problem["loc"]
     unknown = problem["type"] in _UNKNOWN
-    branch = location[-1] if location and not unknown and location[-1] in _BRANCHES else None
-    key = ".".join(shortened_name(part) for part in (location if branch is None else location[:-1])) or "keys"
+    branch = location[-1] if not unknown and location[-1] in _BRANCHES else None
+    key = ".".join(shortened_name(part) for part in (location if branch is None else location[:-1]))
     if unknown:
         allowed = sorted(_section_at(model, location[:-1]).model_fields)
         close = difflib.get_close_matches(shortened_name(location[-1]), allowed, n=1)

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from ledpi.config.check import mistakes_in, mistakes_in_text
+from ledpi.config.named_files import named_files
 from ledpi.config.overrides import apply_override, parse_override
 from ledpi.config.settings import sections
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import parse_yaml, read_bytes
-from ledpi.tools.backup import CONFIG, RULE, Kept, collect, pack, to_write, unpack
+from ledpi.core.wording import shortened_name
+from ledpi.tools.backup import CONFIG, RULE, Kept, collect, enabled_units, is_service, pack, to_write, unpack
 from ledpi.tools.calibrate.config_file import change_config, changed_safely, check_changeable
 from ledpi.tools.calibrate.files import changing, newest_kept, write_keeping_old, write_locked
 
@@ -58,17 +60,32 @@ def undo(file: Path, to: str) -> None:
 
 def packed_without_token(file: Path) -> bytes:
     """A backup that may lie about. Raises LedpiError."""
-    return pack([kept._replace(content=_with_token(kept, None)) for kept in collect(file)])
+    kept = [each._replace(content=_with_token(each, None)) for each in collect(file)]
+    return pack(kept, enabled_units() if is_service(file) else [])
 
 
 def restore(file: Path, archive: bytes) -> list[str]:
-    """Puts back a backup, but for a udev rule; a token stays where it brings none. Says what. Raises LedpiError."""
-    own, said = _view(sections(file)).get("token"), []
-    for to, kept in to_write(unpack(archive, "backup"), file, "backup"):
+    """Puts back a backup, but for a udev rule; a token stays where it brings none. Says what. Raises LedpiError.
+
+    Nothing is looked for on this machine, as who asks may not read all of it, and another camera's file must permit it.
+    """
+    saved, said = unpack(archive, "backup"), []
+    brought = {(kept.kind, kept.path) for kept in saved.files}
+    for named in (each for _, raw in saved.configurations() for each in named_files(raw)):
+        if (named.kind, named.path) not in brought:
+            raise ConfigError(
+                f"{named.key}: {shortened_name(named.path)} is not in the backup, which must be whole here"
+            )
+    changed = to_write(saved, file, "backup")
+    for to, kept in changed:
+        if kept.kind == CONFIG and kept.path and to.exists() and not is_permitted(to):
+            raise ConfigError(f"{to}: view.edit: must be true")
+    for to, kept in changed:
         if kept.kind == RULE:
             said.append(f"{to} is left as it is: only sudo ledpi restore writes it")
             continue
-        write_keeping_old(to, _with_token(kept, own) if own is not None else kept.content)
+        own = _view(sections(to)).get("token") if kept.kind == CONFIG and to.exists() else None
+        write_keeping_old(to, kept.content if own is None else _with_token(kept, own))
         said.append(f"{kept.kind}: {to}")
     return said or ["everything is there already"]
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ledpi.config.values import is_ip
 
 MAX_BODY_BYTES = 4096
-MAX_UPLOAD_BYTES = {"/api/restore": 1_310_720}  # of a backup, as `ledpi restore` reads it
+MAX_UPLOAD_BYTES = {"/api/restore": 2_097_152}  # of a backup, as `ledpi restore` reads it
 METRICS = "/metrics"
 TELLS = ("/api/", METRICS)  # what is more than the page itself
 _SAME = ("same-origin", "none")  # of Sec-Fetch-Site: the page itself, or an address that a person has typed
@@ -103,6 +104,5 @@ def _body(path: str, headers: Mapping[str, str]) -> Refusal | None:
 def host_of(header: str) -> str:
     """The name or number in a Host header, without port and brackets, in lower case."""
     host = header.strip().lower()
-    if host.startswith("["):
-        return host[1:].partition("]")[0]
-    return host.rpartition(":")[0] if ":" in host else host
+    parts = re.fullmatch(r"(?:\[([^\]]*)\]|([^:\[]*))(?::[0-9]*)?", host)
+    return host if parts is None else parts[1] or parts[2] or ""

@@ -101,21 +101,32 @@ def test_without_view_edit_nothing_is_offered_and_all_is_refused(site: Site, fil
 
 
 def test_what_cannot_be_put_back_changes_nothing(site: Site, file: Path) -> None:
-    """Too large, no archive, or one that leads outside of the folder."""
+    """Too large, no archive, one that leads outside of the folder, or one that names a file of this machine."""
     whole = site.ask("GET", "/api/backup").body
-    outside = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(whole)) as old, zipfile.ZipFile(outside, "w") as new:
-        for name in old.namelist():
-            new.writestr(name, old.read(name).replace(b'"markers', b'"../markers').replace(b"map: ", b"map: ../"))
+    outside = _changed(whole, (b'"markers', b'"../markers'), (b"map: ", b"map: ../"))
+    named = _changed(whole, (b"map: ", b"camera: {intrinsics: /etc/passwd}\nmap: "))
     most = MAX_UPLOAD_BYTES["/api/restore"]
     assert most == backup.MAX_BYTES
     for body, size, status, said in (
         (b"", most + 1, 413, f"a body must have {most} bytes at most"),  # it is not read
         (b"x" * most, most, 400, "backup: is no whole backup"),
-        (outside.getvalue(), len(outside.getvalue()), 400, "map: ../markers.yaml in the backup: must be below"),
+        (outside, len(outside), 400, "map: ../markers.yaml in the backup: must be below"),
+        (named, len(named), 400, "camera.intrinsics: /etc/passwd is not in the backup"),
     ):
         answer = site.ask("POST", "/api/restore", RIGHT | {"Content-Length": str(size)}, body)
         assert answer.status == status
         assert answer.json()["error"].startswith(said)
     assert {path.name for path in file.parent.iterdir()} == {"config.yaml", "markers.yaml"}
     assert not (file.parent.parent / "markers.yaml").exists()
+
+
+def _changed(archive: bytes, *replaced: tuple[bytes, bytes]) -> bytes:
+    """The archive, with other words in its files."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(archive)) as old, zipfile.ZipFile(out, "w") as new:
+        for name in old.namelist():
+            content = old.read(name)
+            for before, after in replaced:
+                content = content.replace(before, after)
+            new.writestr(name, content)
+    return out.getvalue()
