@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ledpi.config.values import is_ip
+from ledpi.core.errors import LedpiError
 
 MAX_BODY_BYTES = 4096
 MAX_UPLOAD_BYTES = {"/api/restore": 2_097_152}  # of a backup, as `ledpi restore` reads it
@@ -30,6 +31,10 @@ HEADERS = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
     "Cache-Control": "no-store",
 }
+
+
+class NotOfferedError(LedpiError):
+    """A change that this page does not make."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from urllib.parse import SplitResult, parse_qs, urlsplit
 from ledpi import __version__
 from ledpi.core.errors import LedpiError, TapError, TransientError
 from ledpi.view.connections import BoundedServer, Hurried
-from ledpi.view.guard import HEADERS, Guard, Refusal
+from ledpi.view.guard import HEADERS, Guard, NotOfferedError, Refusal
 
 JSON, TEXT = "application/json; charset=utf-8", "text/plain; charset=utf-8"
 
@@ -32,7 +32,6 @@ class RequestHandler(BaseHTTPRequestHandler):
     """One connection. A further class has its `answers`."""
 
     answers: ClassVar[Answers] = {}
-    statuses: ClassVar[dict[type[Exception], int]] = {}  # of errors that are neither the request's nor pass
     server: GuardedServer
     protocol_version = "HTTP/1.1"
     server_version, sys_version = f"ledpi/{__version__}", ""
@@ -82,10 +81,7 @@ class RequestHandler(BaseHTTPRequestHandler):
         try:
             answer(self, {key: values[-1] for key, values in parse_qs(url.query).items()}, body)
         except LedpiError as error:
-            passing = isinstance(error, TapError | TransientError)
-            self._refuse(
-                Refusal(status=503 if passing else self.statuses.get(type(error), 400), says=str(error)), close=False
-            )
+            self._refuse(Refusal(status=_status(error), says=str(error)), close=False)
         except ValueError as error:
             self._refuse(Refusal(status=400, says=str(error)))
 
@@ -144,6 +140,12 @@ class RequestHandler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Requests are not logged: there are twenty a second."""
+
+
+def _status(error: LedpiError) -> int:
+    if isinstance(error, NotOfferedError):
+        return 403
+    return 503 if isinstance(error, TapError | TransientError) else 400
 
 
 def encoded(values: Any) -> bytes:

@@ -23,7 +23,7 @@ from ledpi.view.handler import TEXT, Answers, GuardedServer, RequestHandler, enc
 from ledpi.view.hub import SAVED_S, Hub
 from ledpi.view.metrics import KIND as METRICS
 from ledpi.view.pictures import KINDS
-from ledpi.view.settings import NotOfferedError, Settings
+from ledpi.view.settings import Settings
 from ledpi.view.takes import Takes
 
 WAIT_S = 2.0  # that a question waits for news
@@ -58,7 +58,6 @@ class Handler(RequestHandler):
     """The answers of one connection."""
 
     server: ViewServer
-    statuses: ClassVar[dict[type[Exception], int]] = {NotOfferedError: 403}
 
     def answer_frame(self, query: dict[str, str], body: bytes) -> None:
         """The next picture: length of the JSON (4 bytes, big-endian), JSON, JPEG. 204 if there is none for a while."""

@@ -19,13 +19,10 @@ from ledpi.tools.backup import MAX_BYTES
 from ledpi.tools.calibrate.files import newest_kept
 from ledpi.tools.edit_helper import ask, socket_of
 from ledpi.tools.editing import answer, is_permitted, packed_without_token
+from ledpi.view.guard import NotOfferedError
 from ledpi.view.hub import Hub
 
 RELOAD_S = 70.0  # the daemon says after 60 s that its files are not there
-
-
-class NotOfferedError(LedpiError):
-    """A change that this page does not make."""
 
 
 class Settings:
@@ -82,7 +79,8 @@ class Settings:
         helper = socket_of(file)
         if helper is not None and os.access(helper, os.W_OK):
             return file, helper
-        remedy = "" if helper is None else "; for its service: sudo systemctl enable --now ledpi-edit.socket"
+        unit = "" if helper is None else helper.name.replace("edit-", "edit@")
+        remedy = unit and f"; for its service: sudo systemctl enable --now {unit}.socket"
         raise NotOfferedError(f"ledpi view may not write {file}{remedy}")
 
 
