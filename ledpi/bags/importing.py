@@ -6,7 +6,6 @@ are taken; what it does not say (row time, exposure, panels) the configuration m
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -24,7 +23,7 @@ from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
 from ledpi.config.values import MAX_SIDE_PX
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
-from ledpi.core.files import not_written
+from ledpi.core.files import not_written, parse_json
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, Pixels
 from ledpi.core.wording import shortened
 from ledpi.markers.dictionaries import is_file
@@ -127,8 +126,8 @@ def _line(item: Item, path: Path) -> str:
 
 def _parsed(text: str, model: type[Line], path: Path) -> Line:
     try:
-        return model.model_validate(json.loads(text))
-    except (ValueError, RecursionError):
+        return model.model_validate(parse_json(text))
+    except ValueError:
         name = FRAME if model is FrameLine else TRUTH
         raise RecordingError(f"{path}: {name}: holds what is no line of a recording") from None
 

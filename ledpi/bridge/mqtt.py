@@ -20,11 +20,11 @@ from typing import Any
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
-from ledpi.bridge.password import read_password
 from ledpi.bridge.payload import JsonPayload, with_age, with_host
 from ledpi.bridge.sockets import keep_nothing_old, lost
 from ledpi.bridge.target import CONNECT_S, UNANSWERED_MS, BridgeError, Line, TargetLostError
-from ledpi.bridge.tls import refused, tls_context
+from ledpi.bridge.tls import refused
+from ledpi.config.output_files import read_password, tls_context
 from ledpi.config.outputs import OutputSettings
 from ledpi.core.wording import shortened_name
 from ledpi.runtime.reporting import event
@@ -85,7 +85,7 @@ class MqttTarget:
         self._may_subscribe = True
         self._has_told_of_other = False
         self._payload = JsonPayload()
-        self._password = None if settings.password_file is None else read_password(settings.password_file)
+        self._password = None if settings.password_file is None else read_password(settings.password_file, BridgeError)
         self._client: paho.Client | None = None
         self._refused: int | None = None  # what the broker said to us
         self._waiting_s: dict[int, float] = {}  # messages without an acknowledgement, by number: sent when
@@ -150,7 +150,7 @@ class MqttTarget:
         if self._settings.user is not None:
             client.username_pw_set(self._settings.user, self._password)
         if self._settings.tls:
-            client.tls_set_context(tls_context(self._settings.ca_file))
+            client.tls_set_context(tls_context(self._settings.ca_file, BridgeError))
         client.on_connect = self._hear_welcome
         client.on_publish = self._hear_acknowledgement
         client.on_subscribe = self._hear_subscribed

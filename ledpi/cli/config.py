@@ -99,8 +99,8 @@ def check(
 ) -> None:
     """List all mistakes of a configuration at once.
 
-    Wrong keys and values, and mistakes in the lens and the map that the file names. Exit status 2 if there are any.
-    `ledpi doctor` also looks at the machine and the camera.
+    Wrong keys and values, and mistakes in the files that it names: lens, map, those of outputs. Exit status 2 if there
+    are any. `ledpi doctor` also looks at the machine and the camera.
 
     Example: ledpi config check --config /etc/ledpi/config.yaml
     """

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 from typing_extensions import Self
 
-from ledpi.config.values import MarkerId, MavlinkProfile, MavlinkSystem, MaxAgeMs, Section
+from ledpi.config.values import MarkerId, MavlinkProfile, MavlinkSystem, MaxAgeMs, Section, is_ip
 
 Kind = Literal["stdout", "udp", "tcp", "mqtt", "nt", "zenoh"]
 MAVLINK_KEYS = ("mavlink_profile", "mavlink_system")  # of format: mavlink
@@ -56,12 +56,21 @@ FramePrefix = Annotated[
 ClientId = Annotated[str, _of_the_form(r"[!-~]{1,200}", "1 to 200 letters, digits and signs, without blanks")]
 
 
+_LABEL = r"\w([\w-]*\w)?"
+
+
+def _host(name: str) -> str:
+    if is_ip(name) or (len(name) <= 253 and re.fullmatch(rf"{_LABEL}(\.{_LABEL})*\.?", name)):
+        return name
+    raise ValueError("must be a name or an address alone, as robot.lan or 10.0.0.2: no port, no path")
+
+
 class OutputSettings(Section):
     """One of `outputs`. Which keys it takes depends on its kind."""
 
     kind: Kind
     max_age_ms: MaxAgeMs | None = None  # that of `serial`
-    host: Annotated[str, Field(min_length=1, max_length=253)] | None = None
+    host: Annotated[str, AfterValidator(_host)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] | None = None
     format: Literal["json", "wire", "mavlink"] = "json"
     mavlink_profile: MavlinkProfile = "ardupilot"

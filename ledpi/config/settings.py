@@ -205,16 +205,17 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     if path is None:
         _size_of_own_panels(raw)
     rename_method(raw, where)
-    config = resolve_paths(build_config(raw, where), base, from_command_line)
+    more = "more" if path is None else f"more: `ledpi config check --config {path}` lists them"
+    config = resolve_paths(build_config(raw, where, more), base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
     config._file = None if path is None else path.absolute()
     check_together(config, where)
     return config
 
 
-def build_config(raw: dict[str, Any], where: str) -> Config:
-    """Validates each value by itself. Raises ConfigError."""
-    return validated(Config, raw, where, ConfigError)
+def build_config(raw: dict[str, Any], where: str, more: str = "more") -> Config:
+    """Validates each value by itself. Raises ConfigError; `more`: as it calls further mistakes."""
+    return validated(Config, raw, where, ConfigError, more)
 
 
 def check_together(config: Config, where: str) -> None:

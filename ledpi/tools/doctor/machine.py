@@ -13,10 +13,12 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from ledpi import __version__
 from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version
+from ledpi.core.packages import Unusable
 from ledpi.core.wording import one_line
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
@@ -31,10 +33,19 @@ RELEASED = 1735689600  # 2025: a clock that says earlier was never set
 
 def packages() -> Finding:
     """Imported in a process of its own, as a package that was built for another numpy may end it."""
-    done = _python("import numpy, cv2; print(f'numpy {numpy.__version__}, OpenCV {cv2.__version__}')")
+    done = _python("from ledpi.core.packages import tell; tell()")
     if done.returncode == 0:
         return ok("packages", f"ledpi {__version__}, Python {platform.python_version()}, {done.stdout.strip()}")
+    if done.returncode == 3 and len(told := done.stdout.splitlines()) == 2:
+        return bad("packages", *told, stops_daemon=True)
     return bad("packages", _last_line(done), "install again: sudo scripts/install", stops_daemon=True)
+
+
+def without(package: Unusable) -> Iterator[Finding]:
+    """The page where a package cannot be used: what can be told without it."""
+    yield bad("packages", package.said, package.remedy, stops_daemon=True)
+    yield unknown("configuration", "it, camera, panels and outputs cannot be looked at without that")
+    yield from (disk(), clock(), throttling())
 
 
 def picamera2() -> Finding:

@@ -14,7 +14,6 @@ import pytest
 
 from ledpi import __version__
 from ledpi.camera.factory import open_camera
-from ledpi.cli.doctor import line, verdict
 from ledpi.config.settings import load_config
 from ledpi.core.records import CameraInfo
 from ledpi.diagnosis.diagnose import Note
@@ -24,6 +23,7 @@ from ledpi.tools.doctor import camera, checks, machine
 from ledpi.tools.doctor.checks import configuration, examine
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 from ledpi.tools.doctor.in_view import findings_of, look
+from ledpi.tools.doctor.page import line, verdict
 from tests.builders import DEADLINE_S, ROOT
 from tests.builders.faults import FAULTS, RIGHT, camera_of, config_of
 
