@@ -236,7 +236,7 @@ def test_where_nothing_does_deviations_are_hardly_larger(noise: float, exposure_
 
 @pytest.mark.parametrize("noise_of", range(12))
 def test_no_cell_of_a_small_panel_tells_its_size_alone(noise_of: int) -> None:
-    """Without it corners move by less than a tenth of a pixel, be the last step of the fit one of profile and size together."""
+    """Without it corners move by less than a tenth of a pixel, also where a last step moves profile and size."""
     corners = square(80.3, 80.6, 33, 12)
     panel = Panel(corners=corners, blur_px=0.9, gap=0.0, hot=0.15)
     fit = fitted(
