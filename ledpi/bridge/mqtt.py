@@ -115,7 +115,7 @@ class MqttTarget:
     def send(self, frame: Line, now_ns: int) -> bool:
         if not self._has_room():
             return False
-        self._publish("frame", self._payload.frame(frame, now_ns).rstrip())
+        self._publish("frame", self._payload.frame(frame, now_ns)[0].rstrip())
         if frame["robot"] is not None:
             self._publish("robot", write_line(with_age(frame["robot"], now_ns)).rstrip())
         return True

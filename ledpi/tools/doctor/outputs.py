@@ -19,7 +19,7 @@ from ledpi.bridge.sockets import lost
 from ledpi.bridge.target import CONNECT_S
 from ledpi.bridge.tls import refused
 from ledpi.config.output_files import read_password, tls_context
-from ledpi.config.outputs import Kind, OutputSettings
+from ledpi.config.outputs import OutputSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.wording import install_command
@@ -36,8 +36,8 @@ def examine(config: Config) -> Iterator[Finding]:
     """Each output's library, password file, target with its certificate, and unit."""
     for name, settings in config.outputs.items():
         found = f"output {name}"
-        if (extra := TARGETS[settings.kind][2]) is not None:
-            yield _library(found, name, settings.kind, extra)
+        if (extra := "mavlink" if settings.format == "mavlink" else TARGETS[settings.kind][2]) is not None:
+            yield _library(found, name, settings, extra)
         if settings.password_file is not None:
             yield _password(found, settings.password_file)
         if settings.host is not None:
@@ -51,13 +51,13 @@ def unit_of(name: str, file: Path | None) -> str:
     return f"ledpi-bridge@{file.stem}-{name}" if of_several and file is not None else f"ledpi-bridge@{name}"
 
 
-def _library(found: str, name: str, kind: Kind, extra: str) -> Finding:
+def _library(found: str, name: str, settings: OutputSettings, extra: str) -> Finding:
     try:
-        target_class(name, kind)
+        target_class(name, settings)
     except LedpiError as error:
         command = install_command(extra)
         return bad(found, str(error).removesuffix(f": {command}"), command)
-    return ok(found, f"the packages of kind {kind} are installed")
+    return ok(found, f"the packages of {extra} are installed")
 
 
 def _password(found: str, path: Path) -> Finding:

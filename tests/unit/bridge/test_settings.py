@@ -24,6 +24,7 @@ MISTAKES = [
     ("{a: {kind: mqtt, host: x, user: me}}", "outputs.a: must have user and password_file together"),
     ("{a: {kind: mqtt, host: x, topic: 'a/#'}}", "outputs.a.topic: must be words of letters, digits, _ and -"),
     ("{a: {kind: zenoh, host: x, topic: robot-1}}", "outputs.a: has topic robot-1; ROS 2's words have letters"),
+    ("{a: {kind: stdout, mavlink_profile: px4}}", "outputs.a: has mavlink_profile, which needs format: mavlink"),
     ("{A B: {kind: stdout}}", "outputs.A B: must be a name of small letters"),
     ("{a: {kind: mqtt, host: x, password: secret}}", "outputs.a.password: unknown key; did you mean password_file?"),
 ]

@@ -121,6 +121,10 @@ MISTAKES = [
     ("panels.overrides={7: {measured: soon}}", "panels.overrides.7.measured: must be a date, as in 2026-11-25, not"),
     ("tap.socket=''", "tap.socket: must not be empty, not ''"),
     ("serial.port=''", "serial.port: must not be empty, not ''"),
+    (
+        "serial.port=udpout:10.0.0.2:14550",
+        "serial.port: must be a serial port's path; to an address poses go by outputs",
+    ),
     ("serial.port=3", "serial.port: must be text, not 3"),
     ("serial.baud=-", "serial.baud: must be a whole number, not '-'"),
     ("serial.baud=3", "serial.baud: must be greater than or equal to 1200, not 3"),
