@@ -84,7 +84,7 @@ def test_the_topic_says_which_message_it_holds(capfd: pytest.CaptureFixture[str]
 
 
 def test_several_panels_of_a_map_are_a_multi_tag_result() -> None:
-    """The camera has its place on the field, from which a robot program has its own place; by one panel there is none."""
+    """The camera has its place on the field, from which a robot program has its own; by one panel there is none."""
     frame = decoded(3) | {"markers": [PANEL | {"reprojection_px": 0.2}], "robot": ROBOT}
     mount = mount_of(MOUNT)
     made = packet(frame, (64, 48), 1000, 31000, mount)
