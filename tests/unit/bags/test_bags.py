@@ -34,7 +34,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from ledpi.bags.contents import Image, Info, checked, lens_of_info, luma_of_image
+from ledpi.bags.contents import Compressed, Image, Info, checked, lens_of_info, luma_of_compressed, luma_of_image
 from ledpi.bags.reading import messages
 from ledpi.core.errors import RecordingError
 from ledpi.recording.reader import load_recording
@@ -333,6 +333,17 @@ def test_a_lens_is_of_the_picture_or_refused() -> None:
     assert (binned.fx, binned.cx, binned.cy) == (250, 159.5, 119.5)
     with pytest.raises(RecordingError, match="is of 640 × 480 pixels in steps of 1 × 1, but the picture has 320 × 240"):
         lens_of_info(info_of(), 320, 240, "x")
+
+
+def test_a_damaged_picture_leaves_no_words_of_a_library(capfd: pytest.CaptureFixture[str]) -> None:
+    """libpng prints its own, beside ledpi's one line."""
+    png = bytearray(cv2.imencode(".png", PLAIN)[1].tobytes())
+    png[20] ^= 1  # its width, so that a checksum is wrong
+    header = {"stamp": {"sec": 1, "nanosec": 0}}
+    picture = Compressed.model_validate({"header": header, "format": "png", "data": np.frombuffer(png, np.uint8)})
+    with pytest.raises(RecordingError, match="holds a picture that cannot be decoded"):
+        luma_of_compressed(picture, "x")
+    assert capfd.readouterr().err == ""
 
 
 def packed(path: Path, data: bytes, *, says: int, by: str = "zstd") -> Path:
