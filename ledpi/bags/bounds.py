@@ -32,7 +32,7 @@ def memory_bounded(path: Path) -> Iterator[None]:
 
 @contextmanager
 def libraries_silent() -> Iterator[None]:
-    """Lets nothing through of what libpng or libjpeg print of a damaged picture: ledpi says it, in one line."""
+    """Lets nothing through of what OpenCV, libpng or libjpeg print of a damaged file: ledpi says it, in one line."""
     errors, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nothing, 2)

@@ -427,7 +427,7 @@ def test_a_bag_whose_checksum_is_wrong_is_read_up_to_there(bag: Path, tmp_path: 
 
 @pytest.mark.slow
 def test_a_video_that_is_cut_off_or_none_is_one_line(tmp_path: Path, run: Run) -> None:
-    """FFmpeg's own words are not shown; a video of a single frame is one."""
+    """FFmpeg's and OpenCV's own words are not shown; a video of a single frame is one."""
     clip = tmp_path / "clip.mp4"
     writer = cv2.VideoWriter(str(clip), cv2.VideoWriter.fourcc(*"mp4v"), 50.0, (64, 48))
     writer.write(cv2.merge([PLAIN] * 3))
@@ -438,6 +438,8 @@ def test_a_video_that_is_cut_off_or_none_is_one_line(tmp_path: Path, run: Run) -
     done = ledpi("import", clip, tmp_path / "cut", *OWN_ROW_TIME)
     said = "cannot be read as a video; is it whole? One that was cut off has no index"
     assert (done.returncode, done.stderr) == (2, f"ledpi: {clip}: {said}\n")
+    (avi := tmp_path / "clip.avi").write_bytes(b"RIFF" + bytes(4) + b"AVI LIST" + bytes(4) + b"drla" + bytes(200))
+    assert ledpi("import", avi, tmp_path / "cut", *OWN_ROW_TIME).stderr == f"ledpi: {avi}: {said}\n"
     (tmp_path / "empty.mcap").touch()
     assert refused(run, tmp_path / "empty.mcap", tmp_path / "x").endswith("is no MCAP file (it ends at once)")
 
