@@ -14,8 +14,7 @@ from tests.builders.view import Page, ended, start_daemon, view
 from tests.builders.waiting import wait_until
 
 TIMES = 200
-# Of a process, after the first quarter. A recording's queue may take 24 MB, and does where the machine is busy; a follower
-# that stays takes .3, and one of them comes with each page, too.
+# Of a process, after the first quarter: a recording's queue may take 24 MB, and does where the machine is busy.
 GROWTH_MB = 40
 
 
