@@ -228,9 +228,13 @@ def test_robots_on_one_broker_are_told_apart(daemon: MadeUpDaemon, folder: Path)
     topic = f"ledpi/{own}"
     far.start()
     try:
-        far._subscriber.publish(f"{topic}/setup", '{"host": "other"}', retain=True)
-        wait_until(lambda: far.messages)
         values = {"kind": "mqtt", "host": "127.0.0.1", "port": far.port}
+        with bridge(values, folder / "tap.sock", folder) as running:
+            wait_until(lambda: f"{topic}/setup" in [name for name, _, _ in far.messages])
+            far._subscriber.publish(f"{topic}/setup", json.dumps({"host": own}))
+            wait_until(lambda: f"of a machine that is named {own} too" in running.log)
+        far._subscriber.publish(f"{topic}/setup", '{"host": "other"}', retain=True)
+        wait_until(lambda: b'{"host": "other"}' in [data for _, data, _ in far.messages])
         with bridge(values, folder / "tap.sock", folder) as running:
             told = {f"{topic}/{what}" for what in ("setup", "frame", "health")}
             wait_until(lambda: told <= {name for name, data, _ in far.messages if json.loads(data).get("host") == own})
