@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 
-from ledpi.bags.bounds import memory_bounded
+from ledpi.bags.bounds import libraries_silent, memory_bounded
 from ledpi.bags.contents import Compressed, Image, Info, Text, checked, lens_of_info, luma_of_compressed, luma_of_image
 from ledpi.bags.names import FRAME, IMAGE, METADATA, TRUTH
 from ledpi.bags.reading import Item, Warn, messages
@@ -240,7 +240,8 @@ def import_video(config: Config, path: Path, out: Path, warn: Warn) -> Iterator[
 def _of_video(path: Path) -> Iterator[Picture]:
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
-    video = cv2.VideoCapture(str(path))
+    with libraries_silent():
+        video = cv2.VideoCapture(str(path))
     if not video.isOpened():
         raise RecordingError(f"{path}: cannot be read as a video; is it whole? One that was cut off has no index")
     video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # rows as the sensor read them, however the phone was held
@@ -250,7 +251,8 @@ def _of_video(path: Path) -> Iterator[Picture]:
     last_ns, period_ns = -1, round(1e9 / (rate_hz if 0.001 < rate_hz < 1e6 else 30.0))
     try:
         while True:
-            there, picture = video.read()
+            with libraries_silent():
+                there, picture = video.read()
             if not there:
                 return
             at_ms = video.get(cv2.CAP_PROP_POS_MSEC)

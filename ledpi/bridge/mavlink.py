@@ -31,7 +31,8 @@ class MavlinkPayload(Payload):
         self._mavlink = self._codec(np.eye(4))
 
     def setup(self, hello: Line) -> None:
-        given = {key: value for key, value in (hello.get("camera_mount") or {}).items() if value is not None}
+        told = hello.get("camera_mount") or {}
+        given = {key: told[key] for key in CameraMount.model_fields if told.get(key) is not None}
         mavlink = self._codec(base_link_from_camera(CameraMount(**given)))
         mavlink.continue_after(self._mavlink)
         self._mavlink = mavlink

@@ -127,6 +127,7 @@ def set_values(
     Example: ledpi config set panels.side_m=0.158 panels.ids=[7,23]
     """
     from ledpi.config.settings import found_config
+    from ledpi.core.mounts import lost_at_reboot
     from ledpi.tools.editing import set_keys
 
     file = found_config(config)
@@ -134,6 +135,8 @@ def set_values(
     for key, value in _changes(items).items():
         typer.echo(f"{file}: {'.'.join(map(str, key))}: {_text(value)}")
     typer.echo(f"The older file is {kept}.")
+    if lost := lost_at_reboot(file):
+        typer.echo(lost)
     if file.absolute() == SERVICE_FILE:
         typer.echo("Next: sudo systemctl reload ledpi")
 

@@ -127,12 +127,14 @@ def health_message(
 
 def _wrong(health: Values, contradicting: bool) -> list[str]:
     """Lists what a person has to put right, though frames come."""
-    is_behind = health.get("no_fix") == "behind" or health.get("decoded_per_s") == 0
-    return [
-        *(["nothing is decoded in time: this computer is too slow"] if is_behind else []),
-        *(["no lens is known: calibrate it (camera.intrinsics)"] if health.get("no_fix") == "uncalibrated" else []),
-        *(["panels contradict the map"] if contradicting else []),
-    ]
+    no_fix = health.get("no_fix")
+    found = {
+        "frames are decoded too late: this computer is too slow": no_fix == "behind",
+        "nothing is decoded": no_fix != "behind" and health.get("decoded_per_s") == 0,
+        "no lens is known: calibrate it (camera.intrinsics)": no_fix == "uncalibrated",
+        "panels contradict the map": contradicting,
+    }
+    return [text for text, holds in found.items() if holds]
 
 
 def camera_info_message(camera: CameraInfo, topic: str, stamp_ns: int, frame_id: str) -> Message:

@@ -58,6 +58,7 @@ def examine(config: Config, *, is_given: bool = True) -> Iterator[Finding]:
         yield _mavlink()
     yield from _to_its_end("outputs", outputs.examine(config))
     yield machine.disk()
+    yield from machine.kept(config.file or machine.CALIBRATION_FOLDER)
     yield machine.clock()
     yield machine.throttling()
     if tap is None:  # a daemon that runs says itself whether it keeps up

@@ -19,7 +19,7 @@ from tests.builders.bridges import free_port
 from tests.builders.made_up_daemon import HEALTH, HELLO, PANEL, decoded
 from tests.builders.waiting import wait_until
 
-ON_THE_NOSE = {"position_m": [0.1, 0.0, 0.0], "rpy_deg": [0.0, 0.0, 0.0]}  # looks ahead
+ON_THE_NOSE = {"position_m": [0.1, 0.0, 0.0], "rpy_deg": [0.0, 0.0, 0.0], "newer": 1}  # looks ahead
 AT = {"position_m": [1.0, 2.0, 3.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0], "covariance": None, "panels_used": [7]}
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +17,7 @@ from ledpi.config.settings import load_config
 from ledpi.tools import backup
 from tests.builders import ROOT
 from tests.builders.certificates import AUTHORITY
-from tests.builders.command import complaint, in_process
+from tests.builders.command import LEDPI, complaint, in_process
 
 LENS = """image_width: 640
 image_height: 480
@@ -184,6 +187,26 @@ def test_set_writes_nothing_that_is_wrong(here: Path, item: str, said: str, ledp
     assert said in complaint(ledpi("config", "set", "serial.baud=9600", item))
     assert (here / "config.yaml").read_bytes() == before
     assert not (here / "config.yaml.bak-1").exists()
+
+
+@pytest.mark.skipif(os.geteuid() != 0 or shutil.which("unshare") is None, reason="not root, or not installed: unshare")
+def test_set_says_what_a_reboot_loses(here: Path) -> None:
+    """On an overlay whose upper layer is in memory, as raspi-config makes it."""
+    script = (
+        "mkdir low up etc; mount -t tmpfs none up; mkdir up/u up/w; echo 'panels: {side_m: 0.16}' >low/config.yaml; "
+        'mount -t overlay overlay -o lowerdir=low,upperdir=$PWD/up/u,workdir=up/w etc && exec "$@"'
+    )
+    command = [*LEDPI, "config", "set", "--config", "etc/config.yaml", "panels.ids=[7]"]
+    done = subprocess.run(
+        ["unshare", "-m", "bash", "-c", script, "", *command],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if "mount:" in done.stderr:
+        pytest.skip("this system mounts no overlay")
+    assert "etc/config.yaml: lies on an overlay in memory" in done.stdout
 
 
 # ---- backup, restore

@@ -132,7 +132,8 @@ def test_diagnostics_say_how_the_daemon_is(state: str, level: int) -> None:
 @pytest.mark.parametrize(
     ("health", "line", "message"),
     [
-        ({"decoded_per_s": 0.0}, {}, "nothing is decoded in time: this computer is too slow"),
+        ({"decoded_per_s": 0.0}, {}, "nothing is decoded"),
+        ({"no_fix": "behind"}, {}, "frames are decoded too late: this computer is too slow"),
         ({"no_fix": "uncalibrated"}, {}, "no lens is known: calibrate it (camera.intrinsics)"),
         ({}, {"rejected": {"fix.panels_contradict": 1}}, "panels contradict the map"),
         ({}, {"robot": PLACE | {"exposed_ns": 5, "panels_rejected": [7]}}, "panels contradict the map"),

@@ -205,6 +205,9 @@ def test_the_packages_files_agree() -> None:
         assert f'"{name}"' in setup
         assert (PACKAGE / name).is_file()
     assert (PACKAGE / "resource/ledpi_ros").is_file()
+    assert "executable=/usr/bin/env python3" in (PACKAGE / "setup.cfg").read_text(
+        encoding="utf-8"
+    )  # that of an environment
     sources = [path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path.name != "setup.py"]
     given = yaml.safe_load((PACKAGE / "config/ledpi.yaml").read_text(encoding="utf-8"))["/**"]["ros__parameters"]
     declared = re.findall(r'declare_parameter\("(\w+)"', "".join(sources))
