@@ -7,7 +7,7 @@ import ast
 from tests.builders import ROOT
 
 NEITHER = ("Of", "What", "Where", "Whether", "How")
-FOLDERS = ("ledpi", "benchmarks", "ros", "tests")
+FOLDERS = ("ledpi", "evaluation", "ros", "tests")
 
 
 def test_they_begin_with_a_noun_or_a_verb() -> None:

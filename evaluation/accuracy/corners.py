@@ -1,0 +1,115 @@
+"""Errors of simulated panels' corners and poses, by distance: without reading them, so that none is left out.
+
+Each take has its own place, roll, room, brightness, cell gains and word. The case is one of the suite `robustness` of
+`ledpi evaluate`.
+
+    python -m evaluation.accuracy corners [--case "an edge hidden"] [--takes 30] [--transfer linear] [--angle 20]
+        [DISTANCE…]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import load_config
+from ledpi.core.geometry import rotation_angle_deg
+from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.decode.locate import Locator
+from ledpi.decode.proposals import Proposer
+from ledpi.pose.planar import solve_square
+from ledpi.simulate.render import Renderer
+from ledpi.tools.evaluate.conditions import PLAIN, VARIATIONS, Condition
+from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
+
+SEQ = FRAMES_A_TAKE // 2  # where a moving camera is in the middle of its take
+WRONG = 0.25  # of the side: what is further off is something else
+
+
+def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec) -> tuple[Floats, Floats] | None:
+    """Corners in the order of the true ones, and their covariance; None where no square is near."""
+    camera = CameraInfo(
+        width=lens.width,
+        height=lens.height,
+        exposure_us=frame.exposure_us,
+        row_time_us=frame.row_time_us,
+        transfer=frame.transfer,
+    )
+    proposed, _ = Proposer(camera, 4, [spec]).propose(frame)
+    starts = [at for candidate in proposed for at in (candidate.corners_px, *candidate.moved_ends())]
+    locator = Locator(4, (spec,), lens)
+    quads = [locator.localise(frame, at) for at in starts]
+    found = [
+        (np.roll(quad.corners_px, turn, axis=0), np.roll(quad.covariance_px2, (2 * turn, 2 * turn), axis=(0, 1)))
+        for quad in quads
+        if isinstance(quad, Quad) and quad.covariance_px2 is not None
+        for turn in range(4)
+    ]
+    best = min(found, key=lambda one: float(np.abs(one[0] - true).max()), default=None)
+    side = float(np.linalg.norm(true[1] - true[0]))
+    return best if best is not None and np.abs(best[0] - true).max() < WRONG * side else None
+
+
+def errors_of(condition: Condition, panels: PanelSettings, number: int) -> list[tuple[float, ...]]:
+    """Returns of each panel of a take: size in percent, corners in px rms, stated and true variance, mm, angle."""
+    take = draw_take(condition, panels, 1, number)
+    renderer, lens = Renderer(take.scene, seed=take.seed), take.scene.sensor.intrinsics
+    frame = renderer.frame(SEQ)
+    errors: list[tuple[float, ...]] = []
+    for marker in renderer.truth(SEQ):
+        spec = panels.spec(marker.id)
+        square = nearest_square(frame, marker.corners_px, lens, spec)
+        if square is None:
+            continue
+        corners, covariance_px2 = square
+        solved = solve_square(corners, covariance_px2, spec.side_m, lens)
+        if isinstance(solved, Rejected):
+            continue
+        pose, true, off = solved[0].camera_from_marker, marker.camera_from_marker, corners - marker.corners_px
+        size = np.ptp(corners, axis=0).mean() / np.ptp(marker.corners_px, axis=0).mean() - 1
+        rms, away_m = np.sqrt(np.square(off).sum(axis=1).mean()), np.linalg.norm(pose.position_m - true.position_m)
+        angle = rotation_angle_deg(pose.quaternion_wxyz, true.quaternion_wxyz)
+        errors.append((100 * size, rms, np.trace(covariance_px2) / 8, np.square(off).mean(), 1e3 * away_m, angle))
+    return errors
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("distances", nargs="*", type=float, default=[0.6, 1.0, 2.0, 3.0, 4.0, 5.0, 8.0], metavar="M")
+    parser.add_argument("--case", default=PLAIN, choices=list(VARIATIONS))
+    parser.add_argument("--takes", type=int, default=30)
+    parser.add_argument("--transfer", default="srgb", choices=["srgb", "linear"])
+    parser.add_argument("--angle", type=float, default=20.0)
+    parser.add_argument("--exposure-us", type=float, default=10_000.0)
+    args = parser.parse_args()
+    panels = load_config(None, ("panels.side_m=0.16",)).panels
+    print("distance  found   size off   corners   90 %    stated/true   position   90 %     angle")
+    for distance_m in args.distances:
+        condition = Condition(
+            suite="robustness",
+            case=args.case,
+            distance_m=distance_m,
+            angle_deg=args.angle,
+            exposure_us=args.exposure_us,
+            transfer=args.transfer,
+            any_roll=True,
+        )
+        rows = [row for number in range(args.takes) for row in errors_of(condition, panels, number)]
+        if not rows:
+            print(f"{distance_m:6g} m   none of {args.takes}")
+            continue
+        size, rms, stated, squared, position, angle = np.array(rows).T
+        print(
+            f"{distance_m:6g} m  {len(rms):3d}/{args.takes}  {size.mean():+7.2f} %  {np.median(rms):6.3f} px "
+            f"{np.quantile(rms, 0.9):6.3f} px {np.sqrt(stated.mean() / squared.mean()):9.2f}    "
+            f"{np.median(position):8.2f} mm {np.quantile(position, 0.9):8.2f} mm {np.median(angle):6.2f}°"
+        )
+
+
+if __name__ == "__main__":
+    main()
