@@ -25,15 +25,14 @@ import cv2
 from evaluation.endurance import bridges
 from evaluation.speed import arm
 from evaluation.speed import panels as contests
+from evaluation.suites.conditions import Method, Suite
+from evaluation.suites.plan import Plan
+from evaluation.suites.units import code_version
+from evaluation.suites.wild_rows import WILD
+from evaluation.suites.workers import run_on_processes
 from ledpi.config.settings import load_config
-from ledpi.tools.evaluate.conditions import Suite
 from ledpi.tools.evaluate.folder import ResultsFolder
-from ledpi.tools.evaluate.plan import Plan
-from ledpi.tools.evaluate.reading import Method
 from ledpi.tools.evaluate.table import TableRow, wilson
-from ledpi.tools.evaluate.units import code_version
-from ledpi.tools.evaluate.wild_rows import WILD
-from ledpi.tools.evaluate.workers import run_on_processes
 
 SEED = 77001  # nothing was tuned on it
 WILD_METHODS: tuple[Method, ...] = ("ledpi", "oracle", "aruco")

@@ -25,6 +25,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import yaml
 
+from evaluation.suites.bound import Bound, bound_of
+from evaluation.suites.conditions import Condition
+from evaluation.suites.draw import draw_take
+from evaluation.suites.oracle import read_with_oracle
+from evaluation.suites.units import photographed
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.core.errors import LedpiError
@@ -41,12 +46,8 @@ from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.reader import find_recordings, load_recording
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.bound import Bound, bound_of
-from ledpi.tools.evaluate.conditions import PLAIN, Condition
-from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
-from ledpi.tools.evaluate.oracle import read_with_oracle
-from ledpi.tools.evaluate.reading import PanelReader
-from ledpi.tools.evaluate.units import photographed
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, PanelReader
+from ledpi.tools.evaluate.table import PLAIN
 
 SHOWN = (4, 12)  # of a stream's frames
 FROZEN = Path(__file__).with_name("bound_frozen.yaml")

@@ -16,6 +16,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from evaluation.suites.conditions import VARIATIONS, Condition
+from evaluation.suites.draw import draw_take
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.core.geometry import rotation_angle_deg
@@ -24,8 +26,8 @@ from ledpi.decode.locate import Locator
 from ledpi.decode.proposals import Proposer
 from ledpi.pose.planar import solve_square
 from ledpi.simulate.render import Renderer
-from ledpi.tools.evaluate.conditions import PLAIN, VARIATIONS, Condition
-from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE
+from ledpi.tools.evaluate.table import PLAIN
 
 SEQ = FRAMES_A_TAKE // 2  # where a moving camera is in the middle of its take
 WRONG = 0.25  # of the side: what is further off is something else

@@ -23,6 +23,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from evaluation.suites.conditions import Condition
+from evaluation.suites.draw import Take, draw_take
+from evaluation.suites.units import photographed
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.decode.evidence.light import LightWeigher
@@ -35,9 +38,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import SquareTrace, Trace
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.conditions import PLAIN, Condition
-from ledpi.tools.evaluate.draw import Take, draw_take
-from ledpi.tools.evaluate.units import photographed
+from ledpi.tools.evaluate.table import PLAIN
 
 CELLS, WORDS = 16, 200  # of DICT_4X4_50, each word turned four ways
 # How many of its words there are at a distance of two and of three cells from a pattern two or more away from all.

@@ -15,12 +15,9 @@ from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelValues
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import Recording
-from ledpi.tools.evaluate.conditions import PLAIN
-from ledpi.tools.evaluate.draw import FRAMES_A_TAKE
-from ledpi.tools.evaluate.reading import PanelMethod, PanelReader
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, STREAM_ROWS, PanelMethod, PanelReader
 from ledpi.tools.evaluate.scoring import Expected, Tally
-from ledpi.tools.evaluate.table import TableRow, table_row
-from ledpi.tools.evaluate.units import STREAM_ROWS
+from ledpi.tools.evaluate.table import PLAIN, TableRow, table_row
 
 _PLACE = ("distance_m", "angle_deg", "exposure_us", "transfer")
 
@@ -38,7 +35,7 @@ def evaluate_recording(
 ) -> dict[str, Any]:
     """A record, for `rows_of_recordings`, of a recording that shows panel `marker_id` in every frame.
 
-    Streams are cut into takes of 12 frames, each begun anew, as the rendered ones are. Corners and poses are judged
+    Streams are cut into takes of 12 frames, each begun anew, as those of the suites are. Corners and poses are judged
     where the recording has truth. Raises RecordingError for a picture that cannot be read, ConfigError for an ID that
     the dictionary does not have, or that is not in the truth.
     """

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from evaluation.accuracy import bound as bench
+from evaluation.suites.conditions import Condition
+from evaluation.suites.replay import write_take
 from ledpi.config.panels import PanelSettings
-from ledpi.tools.evaluate.conditions import PLAIN, Condition
-from ledpi.tools.evaluate.replay import write_take
+from ledpi.tools.evaluate.table import PLAIN
 
 NEAR = Condition(
     suite="beyond", case=PLAIN, distance_m=0.8, angle_deg=0.0, exposure_us=10_000.0, transfer="srgb", any_roll=True

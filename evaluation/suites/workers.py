@@ -12,9 +12,9 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
+from evaluation.suites.units import Unit, run_unit
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.wording import install_command
-from ledpi.tools.evaluate.units import Unit, run_unit
 
 CONNECT_S = 10
 
@@ -70,7 +70,7 @@ def run_on_cluster(units: Sequence[Unit], address: str) -> Generator[dict[str, A
         from distributed import Client
         from distributed import as_completed as as_completed_there
     except ImportError:
-        raise ConfigError(f"--scheduler: needs dask.distributed: {install_command('cluster')}") from None
+        raise ConfigError(f"--scheduler: needs dask.distributed: {install_command('suites')}") from None
     if not re.fullmatch(r"(\w+://)?.+:\d+", address):
         raise ConfigError(f"--scheduler {address}: must be as tcp://HOST:PORT")
     try:

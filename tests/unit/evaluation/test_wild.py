@@ -10,33 +10,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from ledpi.cli.evaluate import evaluate
+from evaluation.suites.__main__ import app
+from evaluation.suites.bound import Bound, bound_of
+from evaluation.suites.draw import Take
+from evaluation.suites.oracle import read_with_oracle
+from evaluation.suites.units import photographed
+from evaluation.suites.wild import draw_wild
+from evaluation.suites.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, Span, drawn
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
 from ledpi.core.records import Frame
 from ledpi.recording.reader import load_recording
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.bound import Bound, bound_of
-from ledpi.tools.evaluate.draw import Take
-from ledpi.tools.evaluate.oracle import read_with_oracle
-from ledpi.tools.evaluate.units import photographed
-from ledpi.tools.evaluate.wild import draw_wild
-from ledpi.tools.evaluate.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, Span, drawn
 
-pytest.importorskip("scipy", reason="scipy is not installed (extra: evaluate)")
+pytest.importorskip("scipy", reason="scipy is not installed (extra: suites)")
 
-APP = typer.Typer()
-APP.command()(evaluate)
 PANELS = PanelSettings(side_m=0.16)
 TAKES = range(64)
 
 
 def run(*arguments: str) -> str:
     """Standard output; a LedpiError comes through, as `main` prints it."""
-    result = CliRunner().invoke(APP, list(arguments))
+    result = CliRunner().invoke(app, arguments)
     if result.exception is not None:
         raise result.exception
     return result.stdout
@@ -221,7 +218,7 @@ def test_a_short_run_tells_all_three(tmp_path: Path) -> None:
     assert len(lines) == 3 * len(WILD)
     page = (tmp_path / "out" / "evaluation.md").read_text(encoding="utf-8")
     assert "|  | ledpi | true corners given | printed ArUco, OpenCV |" in page
-    assert "ledpi evaluate --out DIR --suite wild --frames 2 --seed 1\n" in page
+    assert "python -m evaluation.suites --out DIR --suite wild --frames 2 --seed 1\n" in page
     table = (tmp_path / "out" / "results.csv").read_text(encoding="utf-8").splitlines()
     columns = table[0].split(",")
     frames = {tuple(line.split(",")[columns.index(name)] for name in ("case", "frames")) for line in table[1:]}

@@ -7,17 +7,26 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from evaluation.suites.conditions import (
+    METHODS,
+    PRINTED,
+    WILD_METHODS,
+    Condition,
+    Method,
+    Suite,
+    suite_conditions,
+)
+from evaluation.suites.units import TAKES_A_UNIT, Unit
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import check_method
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Transfer
 from ledpi.core.wording import install_command
-from ledpi.tools.evaluate.conditions import Condition, Suite, suite_conditions
-from ledpi.tools.evaluate.draw import FRAMES_A_TAKE
-from ledpi.tools.evaluate.reading import METHODS, PANEL_METHODS, PRINTED, WILD_METHODS, Method
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, PANEL_METHODS
 from ledpi.tools.evaluate.scoring import Tally
 from ledpi.tools.evaluate.table import TableRow, table_row
-from ledpi.tools.evaluate.units import TAKES_A_UNIT, Unit
+
+COMMAND = ("python", "-m", "evaluation.suites")
 
 _BY_SUITE: dict[Suite, tuple[Method, ...]] = {
     "paper": METHODS,
@@ -85,7 +94,7 @@ class Plan:
             if method not in own and (suite == "wild" or method in WILD_METHODS):
                 raise ConfigError(f"--method {method}: is not for the suite {suite}, which has {', '.join(own)}")
             if method == "apriltag" and not self.apriltag:
-                raise ConfigError(f"--method apriltag: is not installed: {install_command('evaluate')}")
+                raise ConfigError(f"--method apriltag: is not installed: {install_command('suites')}")
             if method == "uemura":
                 check_method(method, self.panels, "--method")
         unable = {"apriltag": not self.apriltag, "uemura": self.panels.has_antiphase()}
@@ -133,7 +142,7 @@ class Plan:
 
     def commands(self, row: TableRow) -> list[str]:
         """The command line that gives the table again which a row is in."""
-        words = ["ledpi", "evaluate", "--out", "DIR", "--suite", row.suite, "--frames", str(self.frames)]
+        words = [*COMMAND, "--out", "DIR", "--suite", row.suite, "--frames", str(self.frames)]
         words += ["--seed", str(self.seed)]
         if row.suite != "wild":  # which draws all of these
             words += ["--transfer", row.transfer, "--exposure-us", f"{row.exposure_us:g}"]

@@ -121,6 +121,6 @@ def _points(key: str, dimensions: int, seed: int, doublings: int) -> Floats:
     try:
         from scipy.stats import qmc
     except ImportError:
-        raise ConfigError(f"--suite wild: needs scipy: {install_command('evaluate')}") from None
+        raise ConfigError(f"--suite wild: needs scipy: {install_command('suites')}") from None
     rng = np.random.default_rng((seed, zlib.crc32(key.encode())))
     return np.asarray(qmc.Sobol(dimensions, scramble=True, seed=rng).random_base2(doublings))

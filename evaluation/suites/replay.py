@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from evaluation.suites.conditions import Condition
+from evaluation.suites.draw import draw_take
+from evaluation.suites.units import photographed
 from ledpi.config.panels import PanelSettings
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.conditions import Condition
-from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
-from ledpi.tools.evaluate.units import photographed
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE
 
 
 def write_take(
@@ -24,7 +25,7 @@ def write_take(
         camera=info,
         dictionary=panels.dictionary,
         panel=panels.spec(),
-        note=f"ledpi evaluate, seed {seed}, take {number} of {condition.name}",
+        note=f"evaluation.suites, seed {seed}, take {number} of {condition.name}",
     )
     with writer:
         for frame in photographed(take, take.scene, FRAMES_A_TAKE):

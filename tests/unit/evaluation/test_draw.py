@@ -9,6 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
+from evaluation.suites.conditions import (
+    DECOYS,
+    VARIATIONS,
+    Condition,
+    Suite,
+    suite_conditions,
+)
+from evaluation.suites.draw import Take, draw_take
+from evaluation.suites.prints import aruco_reader, printed_id, printed_scene
+from evaluation.suites.units import photographed
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Decoded, Frame
@@ -17,17 +27,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.conditions import (
-    DECOYS,
-    VARIATIONS,
-    Condition,
-    Suite,
-    suite_conditions,
-)
-from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
-from ledpi.tools.evaluate.prints import printed_id, printed_scene
-from ledpi.tools.evaluate.reading import aruco_reader
-from ledpi.tools.evaluate.units import photographed
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE
 
 PANELS = PanelSettings(side_m=0.16)
 ALL_EXIST = PanelSettings(side_m=0.16, ids=tuple(range(50)))  # those too that a part of another panel can show
@@ -253,8 +253,8 @@ def test_opencv_finds_the_print_where_the_panel_was(angle_deg: float, most_px: f
 
 def test_apriltag_finds_its_print_where_the_panel_was() -> None:
     """Its corners, brought into our order and pixel convention, are the panel's."""
-    pytest.importorskip("pupil_apriltags", reason="pupil-apriltags is not installed (extra: evaluate)")
-    from ledpi.tools.evaluate.reading import apriltag_reader
+    pytest.importorskip("pupil_apriltags", reason="pupil-apriltags is not installed (extra: suites)")
+    from evaluation.suites.prints import apriltag_reader
 
     take = take_of(replace(condition(distance_m=0.8), transfer="linear"), 2)
     scene = printed_scene(take.scene, "apriltag", "DICT_4X4_50", take.peak_level)

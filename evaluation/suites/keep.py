@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from evaluation.suites.units import photographed
+from evaluation.suites.wild import draw_camera, draw_wild
+from evaluation.suites.wild_rows import TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
 from ledpi.config.panels import PanelSettings
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.units import photographed
-from ledpi.tools.evaluate.wild import draw_camera, draw_wild
-from ledpi.tools.evaluate.wild_rows import TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
 
 BETWEEN_TAKES_NS = 2_000_000_000  # tracks do not survive half a second
 DRAWN_FILE = "drawn.jsonl"  # what was drawn for each take, to look up what a decoder loses
@@ -34,7 +34,7 @@ def keep_wild(
             camera=sensor_info(draw_camera(row, seed, first)),
             dictionary=panels.dictionary,
             panel=panels.spec(),
-            note=f"ledpi evaluate --suite wild, seed {seed}, {row}, takes from {first} on",
+            note=f"evaluation.suites --suite wild, seed {seed}, {row}, takes from {first} on",
         )
         with writer:
             for number in numbers:

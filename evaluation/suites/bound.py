@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from evaluation.suites.oracle import read_with_oracle
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import Floats, Frame
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import FrameEntry, Recording
-from ledpi.tools.evaluate.oracle import read_with_oracle
 
 RUN_GAP_NS = 60_000_000  # frames that are further apart belong to two takes
 

@@ -5,17 +5,19 @@ It is what is handed to a process, or to a cluster, and what is kept when a run 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
-import ledpi
+from evaluation.suites.conditions import Condition, Method
+from evaluation.suites.draw import Take, draw_take
+from evaluation.suites.oracle import oracle_reads
+from evaluation.suites.prints import WHITEST_PAPER, Family, apriltag_reader, aruco_reader, printed_id, printed_scene
+from evaluation.suites.wild import draw_wild
+from evaluation.suites.wild_rows import WILD
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Frame
@@ -24,25 +26,11 @@ from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Scene
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.conditions import Condition
-from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
-from ledpi.tools.evaluate.oracle import oracle_reads
-from ledpi.tools.evaluate.prints import WHITEST_PAPER, Family, printed_id, printed_scene
-from ledpi.tools.evaluate.reading import PANEL_METHODS, Method, PanelReader, Read, apriltag_reader, aruco_reader
+from ledpi.tools.evaluate import folder
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, PANEL_METHODS, STREAM_ROWS, PanelReader, Read, Row
 from ledpi.tools.evaluate.scoring import Expected, Tally
-from ledpi.tools.evaluate.wild import draw_wild
-from ledpi.tools.evaluate.wild_rows import WILD
 
 TAKES_A_UNIT = 25  # a few seconds of work
-SOURCES = (".py", ".c", ".h")
-
-# What the tables tell apart. A stream is judged at its 4th and its 12th frame, and on the way.
-Row = str
-STREAM_ROWS: dict[Row, range] = {
-    "stream_4": range(3, 4),
-    "stream_12": range(11, 12),
-    "stream_all": range(FRAMES_A_TAKE),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,19 +58,9 @@ class Unit:
         return tuple(STREAM_ROWS) if self.condition.suite != "decoys" else ("stream_all",)
 
 
-@cache
 def code_version() -> str:
-    """Returns what the results depend on, besides a unit's values: this package's source, numpy, OpenCV."""
-    digest = source_digest(Path(ledpi.__file__).parent)
-    return f"{digest[:12]}, numpy {np.__version__} OpenCV {cv2.__version__}"
-
-
-def source_digest(package: Path) -> str:
-    """SHA-256 of a package's sources, those of its compiled loops too, and of their names; in hexadecimal."""
-    digest = hashlib.sha256()
-    for path in sorted(path for path in package.rglob("*") if path.suffix in SOURCES):
-        digest.update(str(path.relative_to(package)).encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
+    """Returns what the results depend on, besides a unit's values: the sources of ledpi and of this package."""
+    return folder.code_version(Path(__file__).parent)
 
 
 def run_unit(unit: Unit) -> dict[str, Any]:

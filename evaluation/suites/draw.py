@@ -14,6 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.suites.conditions import Condition, Variation
+from evaluation.suites.decoys import decoys
+from evaluation.suites.placing import place_in_view
+from evaluation.suites.surroundings import frames, lamps_beside, occluders, pages, touching
 from ledpi.camera.simulated import simulated_sensor
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import CameraSettings
@@ -31,12 +35,8 @@ from ledpi.simulate.scene import (
     SimulatedSensor,
 )
 from ledpi.simulate.trajectory import Gliding, Still, Trajectory
-from ledpi.tools.evaluate.conditions import Condition, Variation
-from ledpi.tools.evaluate.decoys import decoys
-from ledpi.tools.evaluate.placing import place_in_view
-from ledpi.tools.evaluate.surroundings import frames, lamps_beside, occluders, pages, touching
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE
 
-FRAMES_A_TAKE = 12
 OFFSET_PX = (80.0, 60.0)  # how far from the picture's middle a panel is put, at most
 HUNG_BY_HAND_DEG = 3.0
 APART_SIDES = (1.6, 2.4)  # of two panels' centres; turned by 45°, with their bezels, they need 1.53

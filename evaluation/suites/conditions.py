@@ -6,16 +6,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from evaluation.suites.wild_rows import WILD
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Transfer
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.evaluate.wild_rows import WILD
+from ledpi.tools.evaluate.table import PAPER_ANGLES_AT_M, PLAIN
 
 Suite = Literal["paper", "beyond", "robustness", "decoys", "wild"]
+Method = Literal["uemura", "likelihood", "stream", "aruco", "apriltag", "ledpi", "oracle"]
+METHODS: tuple[Method, ...] = ("uemura", "likelihood", "stream", "aruco", "apriltag")
+WILD_METHODS: tuple[Method, ...] = ("ledpi", "oracle", "aruco")  # ledpi: likelihood or stream as the row asks
+PRINTED: tuple[Method, ...] = ("aruco", "apriltag")
 
 PAPER_DISTANCES_M = tuple(round(0.2 * step, 1) for step in range(2, 11))
 PAPER_ANGLES_DEG = (-70.0, -45.0, -20.0, 0.0, 20.0, 45.0, 70.0)
-PAPER_ANGLES_AT_M = 0.6
 BEYOND_DISTANCES_M = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 BEYOND_ANGLES_DEG = (-80.0, 80.0)
 # Where a panel fills half the picture, where a single frame has light to spare, and where it has not.
@@ -27,8 +31,6 @@ EXPOSURES_US: dict[str, tuple[float, ...]] = {
     "robustness": (10_000.0,),
     "decoys": (10_000.0, 150.0),
 }
-
-PLAIN = "plain"
 
 DECOYS = (
     "lamps",  # discs and rectangles, steady, some too bright
