@@ -11,7 +11,7 @@ from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
 
 from ledpi.config.camera_yaml import lens_of_form
 from ledpi.config.lens_forms import lens_form
-from ledpi.config.values import Finite, SidePx
+from ledpi.config.values import MAX_SIDE_PX, Finite, SidePx
 from ledpi.core.errors import CalibrationError, RecordingError
 from ledpi.core.records import Intrinsics, Pixels
 from ledpi.core.wording import shortened_name
@@ -156,6 +156,8 @@ def luma_of_compressed(image: Compressed, where: str) -> Pixels:
     if picture is None:
         what = shortened_name(image.format)
         raise RecordingError(f"{where}: holds a picture that cannot be decoded (format {what!r})")
+    if max(picture.shape) > MAX_SIDE_PX:
+        raise RecordingError(f"{where}: holds a picture of more than {MAX_SIDE_PX} pixels a side; must be smaller")
     return np.asarray(picture, np.uint8)
 
 

@@ -93,6 +93,14 @@ def environment(folder: Path, python: str | Path) -> Path:
     return folder / "bin"
 
 
+def installer(programs: Path, version: str) -> tuple[str | Path, ...]:
+    """Pip, once; uv, which takes a fifth of its time, where it is there."""
+    uv = shutil.which("uv", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    if version == PYTHONS[0] or uv is None:
+        return programs / "pip", "install", "--quiet"
+    return uv, "pip", "install", "--quiet", "--python", programs / "python"
+
+
 # ---- What the packages say of themselves
 
 
@@ -146,7 +154,7 @@ def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_pat
     programs = environment(tmp_path / "venv", python)
     alone = str(programs)
     assert shutil.which("gcc", path=alone) is None
-    run(programs / "pip", "install", "--quiet", "--only-binary=:all:", wheel(dist, "x86_64"), path=alone)
+    run(*installer(programs, version), "--only-binary=:all:", wheel(dist, "x86_64"), path=alone)
     check_decoded(run(programs / "ledpi", "decode", "--single-frame", take, path=alone))
     config = ("--config", tmp_path / "config.yaml", "--set", "camera.source=simulated")
     run(programs / "ledpi", "config", "init", tmp_path / "config.yaml", path=alone)
@@ -160,7 +168,7 @@ def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_pat
 def test_the_source_package_installs(dist: Path, take: Path, tmp_path: Path) -> None:
     """Needs a compiler."""
     programs = environment(tmp_path / "venv", sys.executable)
-    run(programs / "pip", "install", "--quiet", "--no-binary=ledpi", dist / f"ledpi-{__version__}.tar.gz")
+    run(*installer(programs, "3.11"), "--no-binary=ledpi", dist / f"ledpi-{__version__}.tar.gz")
     check_decoded(run(programs / "ledpi", "decode", "--single-frame", take))
 
 

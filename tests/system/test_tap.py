@@ -46,6 +46,7 @@ def _no_client_is_left() -> Iterator[None]:
 # ---- What it tells
 
 
+@pytest.mark.slow
 def test_the_lines_are_those_of_decode(tmp_path: Path) -> None:
     """Frame by frame, to the last digit; only the tap knows when a pose was true on this machine's clock."""
     write_recording(tmp_path / "take", 30)
