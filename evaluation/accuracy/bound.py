@@ -19,21 +19,21 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import yaml
 
-from evaluation.suites.bound import Bound, bound_of
 from evaluation.suites.conditions import Condition
 from evaluation.suites.draw import draw_take
-from evaluation.suites.oracle import read_with_oracle
+from evaluation.suites.oracle import codebook, observed, read_with_oracle
 from evaluation.suites.units import photographed
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
-from ledpi.core.errors import LedpiError
-from ledpi.core.records import Rejected
+from ledpi.core.errors import LedpiError, RecordingError
+from ledpi.core.records import Floats
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
@@ -41,15 +41,15 @@ from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import decision, hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
-from ledpi.decode.locate import Locator
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.recording.reader import find_recordings, load_recording
+from ledpi.recording.reader import FrameEntry, Recording, find_recordings, load_recording
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
 from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, PanelReader
+from ledpi.tools.evaluate.recorded import frame_of
 from ledpi.tools.evaluate.table import PLAIN
 
 SHOWN = (4, 12)  # of a stream's frames
+RUN_GAP_NS = 60_000_000  # frames that are further apart belong to two takes
 FROZEN = Path(__file__).with_name("bound_frozen.yaml")
 DECODERS = ("ledpi", "true corners", "and bands")
 
@@ -71,26 +71,75 @@ def oracle_bands(evidence: Evidence, book: Codebook, true: int, rate: float) -> 
 def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bool) -> Iterator[dict[str, bool]]:
     """Returns of each frame of a take, or of one, what each decoder reads."""
     take = draw_take(condition, panels, 1, number)
-    sensor, spec = take.scene.sensor, panels.spec()
-    dictionary = load_dictionary(panels.dictionary)
-    book = Codebook.build(dictionary.readable_ids(panels.phase), dictionary, spec)
+    sensor, spec, (panel,) = take.scene.sensor, panels.spec(), take.scene.panels
+    book = codebook(panels.dictionary, spec)
     reader = PanelReader("stream" if stream else "likelihood", sensor_info(sensor, 1.0), panels)
     frames = list(photographed(take, take.scene, FRAMES_A_TAKE if stream else 1))
     views = [(frame, scene_truth(take.scene, frame.seq)[0].corners_px) for frame in frames]
-    true = take.scene.panels[0].marker_id
-    (own,) = np.flatnonzero((book.ids == true) & (book.quarter_turns == 0))  # true corners begin at the word's own
-    told = read_with_oracle(views, sensor.intrinsics, panels.dictionary, spec)
-    memory, weigher = PanelMemory(book.spec), LightWeigher(4, sensor.intrinsics)
-    locator = Locator(4, (spec,), sensor.intrinsics, must_blink=False)
-    for (frame, corners_px), marker_id in zip(views, told, strict=True):
-        found = {"ledpi": any(each.id == true for each in reader.read(frame).found), "true corners": marker_id == true}
-        quad = locator.localise(frame, corners_px)
-        seen = quad if isinstance(quad, Rejected) else locator.observe(frame, quad)
-        if not isinstance(seen, Rejected):
+    told = (views, sensor.intrinsics, panels.dictionary, spec)
+    # True corners begin at the word's own.
+    (own,) = np.flatnonzero((book.ids == panel.marker_id) & (book.quarter_turns == 0))
+    memory, weigher = PanelMemory(spec), LightWeigher(len(panel.codeword), sensor.intrinsics)
+    for frame, marker_id, seen in zip(frames, read_with_oracle(*told), observed(*told), strict=True):
+        found = {
+            "ledpi": any(each.id == panel.marker_id for each in reader.read(frame).found),
+            "true corners": marker_id == panel.marker_id,
+        }
+        if seen is not None:
             memory, _ = memory.add_frame(seen, weigher)
             if isinstance(evidence := memory.evidence(weigher), Evidence):
                 found["and bands"] = oracle_bands(evidence, book, int(own), decision.FALSE_ID_RATE)
         yield found
+
+
+class Bound(NamedTuple):
+    """Counts of panels wholly in view in the frames that count: how many are read, how many as another's ID."""
+
+    read: int
+    wrong: int
+    total: int
+
+
+def bound_of(recording: Recording, *, single: bool, skip: int = 0) -> Bound:
+    """`single`: each frame by itself; else by all of its take until then. The first `skip` of a take do not count.
+
+    Raises RecordingError where there is no truth, and where a picture cannot be read.
+    """
+    right = wrong = total = 0
+    for marker_id, views, counts in _runs(recording, skip):
+        if not any(counts):
+            continue
+        seen = [(frame_of(recording, entry), corners_px) for entry, corners_px in views]
+        told = (recording.camera.intrinsics, recording.dictionary, recording.panel)
+        groups = [[view] for view in seen] if single else [seen]
+        ids = [each for group in groups for each in read_with_oracle(group, *told)]
+        judged = [each for each, judge in zip(ids, counts, strict=True) if judge]
+        right += judged.count(marker_id)
+        wrong += len(judged) - judged.count(marker_id) - judged.count(None)
+        total += len(judged)
+    return Bound(right, wrong, total)
+
+
+Run = tuple[int, list[tuple[FrameEntry, Floats]], list[bool]]
+
+
+def _runs(recording: Recording, skip: int) -> Iterator[Run]:
+    """Each panel in each take: its ID, its views, and whether each counts, as it is wholly in view."""
+    if recording.truth is None:
+        raise RecordingError(f"{recording.folder}: has no truth.jsonl, which says where its panels are")
+    takes: list[list[FrameEntry]] = []
+    for entry in recording.frames:
+        if not takes or entry.row0_readout_ns - takes[-1][-1].row0_readout_ns >= RUN_GAP_NS:
+            takes.append([])
+        takes[-1].append(entry)
+    for take in takes:
+        runs: dict[int, Run] = {}
+        for place, entry in enumerate(take):
+            for marker in recording.truth.get(entry.seq, ()):
+                _, views, counts = runs.setdefault(marker.id, (marker.id, [], []))
+                views.append((entry, marker.corners_px))
+                counts.append(place >= skip and not marker.optional)
+        yield from runs.values()
 
 
 def of_recordings(folder: Path, *, single: bool, skip: int) -> None:

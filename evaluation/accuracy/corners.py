@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterator
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -20,13 +21,13 @@ from evaluation.suites.conditions import VARIATIONS, Condition
 from evaluation.suites.draw import draw_take
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
-from ledpi.core.geometry import rotation_angle_deg
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.decode.locate import Locator
 from ledpi.decode.proposals import Proposer
 from ledpi.pose.planar import solve_square
 from ledpi.simulate.render import Renderer
-from ledpi.tools.evaluate.reading import FRAMES_A_TAKE
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, Found, Read
+from ledpi.tools.evaluate.scoring import Expected, Tally
 from ledpi.tools.evaluate.table import PLAIN
 
 SEQ = FRAMES_A_TAKE // 2  # where a moving camera is in the middle of its take
@@ -57,12 +58,11 @@ def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
     return best if best is not None and np.abs(best[0] - true).max() < WRONG * side else None
 
 
-def errors_of(condition: Condition, panels: PanelSettings, number: int) -> list[tuple[float, ...]]:
-    """Returns of each panel of a take: size in percent, corners in px rms, stated and true variance, mm, angle."""
+def judge(condition: Condition, panels: PanelSettings, number: int, tally: Tally) -> Iterator[tuple[float, float]]:
+    """Yields of each panel of a take: size off in percent, stated variance of a coordinate; adds to `tally`."""
     take = draw_take(condition, panels, 1, number)
     renderer, lens = Renderer(take.scene, seed=take.seed), take.scene.sensor.intrinsics
     frame = renderer.frame(SEQ)
-    errors: list[tuple[float, ...]] = []
     for marker in renderer.truth(SEQ):
         spec = panels.spec(marker.id)
         square = nearest_square(frame, marker.corners_px, lens, spec)
@@ -72,12 +72,10 @@ def errors_of(condition: Condition, panels: PanelSettings, number: int) -> list[
         solved = solve_square(corners, covariance_px2, spec.side_m, lens)
         if isinstance(solved, Rejected):
             continue
-        pose, true, off = solved[0].camera_from_marker, marker.camera_from_marker, corners - marker.corners_px
+        found = Found(id=marker.id, corners_px=corners, pose=solved[0].camera_from_marker)
+        tally.add(Read(found=(found,), dropped=(), milliseconds=0.0), [Expected.from_truth(marker)], "")
         size = np.ptp(corners, axis=0).mean() / np.ptp(marker.corners_px, axis=0).mean() - 1
-        rms, away_m = np.sqrt(np.square(off).sum(axis=1).mean()), np.linalg.norm(pose.position_m - true.position_m)
-        angle = rotation_angle_deg(pose.quaternion_wxyz, true.quaternion_wxyz)
-        errors.append((100 * size, rms, np.trace(covariance_px2) / 8, np.square(off).mean(), 1e3 * away_m, angle))
-    return errors
+        yield 100 * float(size), float(np.trace(covariance_px2)) / 8
 
 
 def main() -> None:
@@ -90,7 +88,7 @@ def main() -> None:
     parser.add_argument("--exposure-us", type=float, default=10_000.0)
     args = parser.parse_args()
     panels = load_config(None, ("panels.side_m=0.16",)).panels
-    print("distance  found   size off   corners   90 %    stated/true   position   90 %     angle")
+    print("distance  found   size off   corners   90 %    stated/true   position    90 %     angle")
     for distance_m in args.distances:
         condition = Condition(
             suite="robustness",
@@ -101,15 +99,17 @@ def main() -> None:
             transfer=args.transfer,
             any_roll=True,
         )
-        rows = [row for number in range(args.takes) for row in errors_of(condition, panels, number)]
+        tally = Tally()
+        rows = [row for number in range(args.takes) for row in judge(condition, panels, number, tally)]
         if not rows:
             print(f"{distance_m:6g} m   none of {args.takes}")
             continue
-        size, rms, stated, squared, position, angle = np.array(rows).T
+        size, stated = np.mean(rows, axis=0)
+        rms, position = np.array(tally.corner_px), tally.position_percent
         print(
-            f"{distance_m:6g} m  {len(rms):3d}/{args.takes}  {size.mean():+7.2f} %  {np.median(rms):6.3f} px "
-            f"{np.quantile(rms, 0.9):6.3f} px {np.sqrt(stated.mean() / squared.mean()):9.2f}    "
-            f"{np.median(position):8.2f} mm {np.quantile(position, 0.9):8.2f} mm {np.median(angle):6.2f}°"
+            f"{distance_m:6g} m  {len(rms):3d}/{args.takes}  {size:+7.2f} %  {np.median(rms):6.3f} px "
+            f"{np.quantile(rms, 0.9):6.3f} px {np.sqrt(stated / np.square(rms).mean() * 2):9.2f}    "
+            f"{np.median(position):8.3f} % {np.quantile(position, 0.9):8.3f} % {np.median(tally.angle_deg):6.2f}°"
         )
 
 

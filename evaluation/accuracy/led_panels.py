@@ -22,14 +22,10 @@ from numpy.typing import NDArray
 
 from evaluation import ROOT
 from evaluation.accuracy.led_bands import EXPOSURE_US, ROW_TIME_US, Photograph, photographs, row_profile, srgb_tone
-from ledpi.config.panels import PanelSettings
+from evaluation.suites.oracle import read_with_oracle
 from ledpi.config.settings import load_config
-from ledpi.core.records import CameraInfo, Frame, Rejected
+from ledpi.core.records import CameraInfo, Frame
 from ledpi.core.tone import linear_light
-from ledpi.decode.evidence.light import LightWeigher
-from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.one_frame import read_frame
-from ledpi.decode.locate import Locator
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 
@@ -88,20 +84,6 @@ def encoded(light: Floats) -> NDArray[np.uint8]:
     return np.searchsorted((table[1:] + table[:-1]) / 2, np.clip(light, 0, 1)).astype(np.uint8)
 
 
-def with_true_corners(frame: Frame, corners: Floats, panels: PanelSettings) -> int | None:
-    """The ID that a decoder reads who need not look for the panel."""
-    dictionary = load_dictionary(panels.dictionary)
-    cells = dictionary.cells_per_side
-    locator = Locator(cells, (panels.spec(),), None)
-    quad = locator.localise(frame, corners)
-    seen = quad if isinstance(quad, Rejected) else locator.observe(frame, quad)
-    if isinstance(seen, Rejected):
-        return None
-    book = Codebook.build(list(range(len(dictionary.codewords))), dictionary, panels.spec())
-    reading = read_frame(seen, book, LightWeigher(cells, None))
-    return None if isinstance(reading, Rejected) else reading.id
-
-
 def recognised(lamps: list[Photograph], side: float, takes: int, seed: int) -> tuple[int, int, int, int]:
     """Frames, of which right, wrong, and right with true corners.
 
@@ -136,7 +118,7 @@ def recognised(lamps: list[Photograph], side: float, takes: int, seed: int) -> t
         camera = CameraInfo(width=640, height=480, exposure_us=EXPOSURE_US, row_time_us=ROW_TIME_US, transfer="srgb")
         ids = [m.detection.id for m in Pipeline(camera, panels, intrinsics=None, stream=False).decode(frame).markers]
         done, right, wrong = done + 1, right + (ids == [marker_id]), wrong + any(i != marker_id for i in ids)
-        bound += with_true_corners(frame, corners, panels) == marker_id
+        bound += read_with_oracle([(frame, corners)], None, panels.dictionary, panels.spec()) == [marker_id]
     return done, right, wrong, bound
 
 

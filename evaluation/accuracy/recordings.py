@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -21,24 +21,14 @@ import cv2
 import numpy as np
 
 from ledpi.config.settings import load_config
-from ledpi.core.geometry import rotation_angle_deg
-from ledpi.core.records import Frame
+from ledpi.core.records import Decoded
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import Recording, find_recordings, load_recording
+from ledpi.tools.evaluate.reading import read_of
+from ledpi.tools.evaluate.recorded import frame_of
+from ledpi.tools.evaluate.scoring import Expected, Tally
 
 ROUNDS = 3  # of every frame; the first warms caches up and is not timed
-
-
-def frames_of(recording: Recording) -> list[Frame]:
-    frames = []
-    for entry in recording.frames:
-        picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
-        fault = read_picture(entry.picture, picture)
-        if fault is not None:
-            sys.exit(fault.message)
-        frames.append(recording.frame(entry, picture))
-    return frames
 
 
 def pipeline_for(recording: Recording, *, stream: bool) -> Pipeline:
@@ -52,54 +42,35 @@ def pipeline_for(recording: Recording, *, stream: bool) -> Pipeline:
     )
 
 
+def timed(recording: Recording, *, stream: bool) -> Iterator[tuple[float, float, Decoded]]:
+    """Yields of each frame detectMarkers' time and ours (ms), and what we made of it."""
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, recording.dictionary)))
+    pipeline = pipeline_for(recording, stream=stream)
+    for entry in recording.frames:
+        frame = frame_of(recording, entry)
+        start = time.thread_time()
+        detector.detectMarkers(frame.pixels)
+        between = time.thread_time()
+        decoded = pipeline.decode(frame)
+        yield 1e3 * (between - start), 1e3 * (time.thread_time() - between), decoded
+
+
 def measure(recording: Recording, name: str, *, stream: bool) -> None:
-    frames = frames_of(recording)
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, recording.dictionary))
-    detector = cv2.aruco.ArucoDetector(dictionary)
-    ours: list[float] = []
-    theirs: list[float] = []
-    stages: list[dict[str, float]] = []
-    decoded = []
-    for round_number in range(ROUNDS):
-        pipeline = pipeline_for(recording, stream=stream)
-        decoded = []
-        for frame in frames:
-            start = time.thread_time()
-            detector.detectMarkers(frame.pixels)
-            between = time.thread_time()
-            decoded.append(pipeline.decode(frame))
-            end = time.thread_time()
-            if round_number:
-                theirs.append(between - start)
-                ours.append(end - between)
-                stages.append(decoded[-1].stage_ms)
-    expected = found = wrong = 0
-    corner_px, relative_m, angle_deg = [], [], []
-    for result in decoded:
-        truth = {m.id: m for m in (recording.truth or {}).get(result.seq, ())}
-        expected += sum(not m.optional for m in truth.values())
-        for marker in result.markers:
-            true = truth.get(marker.detection.id)
-            side = 0.0 if true is None else float(np.ptp(true.corners_px, axis=0).max())
-            error = np.inf if true is None else np.hypot(*(marker.detection.corners_px - true.corners_px).T)
-            if true is None or np.mean(error) > 0.25 * side:
-                wrong += 1
-                continue
-            found += not true.optional
-            corner_px.append(float(np.sqrt(np.mean(np.square(error)))))
-            true_pose = true.camera_from_marker  # None of a photograph whose corners are known only
-            if marker.solution is not None and true_pose is not None:
-                pose = marker.solution.camera_from_marker
-                distance = float(np.linalg.norm(true_pose.position_m))
-                relative_m.append(float(np.linalg.norm(pose.position_m - true_pose.position_m)) / distance)
-                angle_deg.append(rotation_angle_deg(pose.quaternion_wxyz, true_pose.quaternion_wxyz))
-    parts = ", ".join(f"{s} {np.median([t[s] for t in stages]):.2f}" for s in stages[0])
-    median = [f"{np.median(v):.3g}" if v else "–" for v in (corner_px, [100 * r for r in relative_m], angle_deg)]
-    ratio = np.median(ours) / np.median(theirs)
+    """Prints a line."""
+    rounds = [list(timed(recording, stream=stream)) for _ in range(ROUNDS)]
+    theirs, ours = np.median([taken[:2] for each in rounds[1:] for taken in each], axis=0)
+    stages = [decoded.stage_ms for each in rounds[1:] for _, _, decoded in each]
+    tally = Tally()
+    for *_, decoded in rounds[-1]:
+        truth = (recording.truth or {}).get(decoded.seq, ())
+        tally.add(read_of(decoded), [Expected.from_truth(marker) for marker in truth], name)
+    parts = ", ".join(f"{s} {np.median([each[s] for each in stages]):.2f}" for s in stages[0])
+    errors = (tally.corner_px, tally.position_percent, tally.angle_deg)
+    median = [f"{np.median(each):.3g}" if each else "–" for each in errors]
     print(
-        f"{name:24} read {found:4}/{expected:<4} wrong {wrong}  corners {median[0]:>6} px  position {median[1]:>6} %  "
-        f"angle {median[2]:>6}°  {1e3 * np.median(ours):6.2f} ms, detectMarkers {1e3 * np.median(theirs):6.2f} ms, "
-        f"ratio {ratio:.2f}  ({parts})"
+        f"{name:24} read {tally.recognised:4}/{tally.expected:<4} wrong {tally.false_ids}  corners {median[0]:>6} px  "
+        f"position {median[1]:>6} %  angle {median[2]:>6}°  {ours:6.2f} ms, detectMarkers {theirs:6.2f} ms, "
+        f"ratio {ours / theirs:.2f}  ({parts})"
     )
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import time
 from collections import defaultdict
 from pathlib import Path
 
@@ -19,29 +18,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import numpy as np
 
-from evaluation.accuracy.recordings import frames_of, pipeline_for
-from ledpi.recording.reader import Recording, find_recordings, load_recording
+from evaluation.accuracy.recordings import timed
+from ledpi.recording.reader import find_recordings, load_recording
 
 LONG_US = 1000.0  # exposures of more than this leave faint bands
 
 
-def taken_ms(recording: Recording, *, stream: bool) -> list[tuple[float, float]]:
-    """(ours, theirs) of each frame."""
-    frames, pipeline = frames_of(recording), pipeline_for(recording, stream=stream)
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, recording.dictionary)))
-    taken = []
-    for frame in frames:
-        start = time.thread_time()
-        detector.detectMarkers(frame.pixels)
-        between = time.thread_time()
-        pipeline.decode(frame)
-        taken.append((1e3 * (time.thread_time() - between), 1e3 * (between - start)))
-    return taken
-
-
 def line(name: str, taken: list[tuple[float, float]]) -> str:
     """Means over frames, and their ratio."""
-    ours, theirs = np.mean(taken, axis=0).tolist()
+    theirs, ours = np.mean(taken, axis=0).tolist()
     return f"{name:44} {len(taken):4} frames  {ours:6.2f} ms, detectMarkers {theirs:5.2f} ms, ratio {ours / theirs:.2f}"
 
 
@@ -54,7 +39,7 @@ def main() -> None:
     for folder in (folder for path in arguments.paths for folder in find_recordings(path)):
         recording = load_recording(folder)
         for way in ("alone", "stream"):
-            taken = taken_ms(recording, stream=way == "stream")
+            taken = [each[:2] for each in timed(recording, stream=way == "stream")]
             pooled[f"all, {way}, {'faint' if recording.camera.exposure_us > LONG_US else 'deep'} bands"] += taken
             print(line(f"{folder.parent.name}/{folder.name}, {way}", taken), flush=True)
     print(*(line(name, taken) for name, taken in sorted(pooled.items())), sep="\n")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from ledpi.config.panels import PanelSettings
-from ledpi.core.records import CameraInfo, Floats, Frame, PanelValues, Pose
+from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, PanelValues, Pose
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Dropped, Trace
 
@@ -62,13 +63,17 @@ class PanelReader:
     def read(self, frame: Frame) -> Read:
         """Returns what is found in the next frame, and how long that took."""
         trace = Trace()
-        decoded = self._pipeline.decode(frame, trace)
-        found = tuple(
-            Found(
-                id=m.detection.id,
-                corners_px=m.detection.corners_px,
-                pose=m.solution.camera_from_marker if m.solution is not None else None,
-            )
-            for m in decoded.markers
+        return read_of(self._pipeline.decode(frame, trace), trace.dropped)
+
+
+def read_of(decoded: Decoded, dropped: Sequence[Dropped] = ()) -> Read:
+    """The result of the daemon's path in the form of any method's."""
+    found = tuple(
+        Found(
+            id=m.detection.id,
+            corners_px=m.detection.corners_px,
+            pose=m.solution.camera_from_marker if m.solution is not None else None,
         )
-        return Read(found=found, dropped=tuple(trace.dropped), milliseconds=sum(decoded.stage_ms.values()))
+        for m in decoded.markers
+    )
+    return Read(found=found, dropped=tuple(dropped), milliseconds=sum(decoded.stage_ms.values()))

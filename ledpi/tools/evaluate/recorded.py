@@ -14,7 +14,7 @@ from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelValues
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.picture import read_picture
-from ledpi.recording.reader import Recording
+from ledpi.recording.reader import FrameEntry, Recording
 from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, STREAM_ROWS, PanelMethod, PanelReader
 from ledpi.tools.evaluate.scoring import Expected, Tally
 from ledpi.tools.evaluate.table import PLAIN, TableRow, table_row
@@ -79,7 +79,7 @@ def _read_all(
         index = number % FRAMES_A_TAKE
         if index == 0:
             current = readers()
-        frame = _frame(recording, number)
+        frame = frame_of(recording, recording.frames[number])
         expected = _expected(recording, frame, marker_id)
         for method, reader in current.items():
             read = reader.read(frame)
@@ -92,12 +92,13 @@ def _read_all(
     return tallies
 
 
-def _frame(recording: Recording, index: int) -> Frame:
+def frame_of(recording: Recording, entry: FrameEntry) -> Frame:
+    """Reads a frame. Raises RecordingError for a picture that cannot be read."""
     picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
-    fault = read_picture(recording.frames[index].picture, picture)
+    fault = read_picture(entry.picture, picture)
     if fault is not None:
         raise RecordingError(fault.message)
-    return recording.frame(recording.frames[index], picture)
+    return recording.frame(entry, picture)
 
 
 def _expected(recording: Recording, frame: Frame, marker_id: int) -> list[Expected]:

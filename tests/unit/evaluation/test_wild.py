@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from evaluation.accuracy.bound import Bound, bound_of
 from evaluation.suites.__main__ import app
-from evaluation.suites.bound import Bound, bound_of
 from evaluation.suites.draw import Take
 from evaluation.suites.oracle import read_with_oracle
 from evaluation.suites.units import photographed
