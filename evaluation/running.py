@@ -10,10 +10,11 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NoReturn
 
 from evaluation import ROOT
 
@@ -79,3 +80,11 @@ def summary(package: str, name: str) -> str:
     """The first line of its docstring, read and not imported: some need what is not here."""
     source = ROOT.joinpath(*package.split("."), f"{name}.py").read_text(encoding="utf-8")
     return (ast.get_docstring(ast.parse(source)) or "").splitlines()[0]
+
+
+def end(name: str, faults: Mapping[str, bool]) -> NoReturn:
+    """Ends a benchmark: with a line for each fault that holds, and exit status 1 where one does."""
+    found = [fault for fault, holds in faults.items() if holds]
+    for fault in found:
+        print(f"{name}: {fault}", file=sys.stderr)
+    sys.exit(1 if found else 0)

@@ -11,7 +11,6 @@ PARTS = (
     Part("receivers"),
     Part("soak"),
     Part("crowd"),
-    Part("viewers"),
     Part("bridges", module="paho"),
     Part("bridge_memory", module="paho"),
     Part("record", module="libcamera"),

@@ -14,9 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import subprocess
-import sys
 import tempfile
 import time
 from contextlib import ExitStack
@@ -26,6 +24,8 @@ from typing import Any
 import numpy as np
 
 from evaluation import table
+from evaluation.endurance.process import sample
+from evaluation.running import end
 from tests.builders.bridges import Far, Nt, Secure, Tcp, Udp, Zenoh, bridge, secrets
 from tests.builders.daemon import SIMULATED, daemon
 from tests.builders.waiting import wait_until
@@ -70,8 +70,8 @@ class Troubled:
 
 def memory_kib(pid: int) -> dict[str, int]:
     """Resident memory, and of it what is not of a file."""
-    text = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
-    return {key: int(number) for key, number in re.findall(r"(VmRSS|RssAnon):\s+(\d+) kB", text)}
+    now = sample(pid)
+    return {} if now is None else {"VmRSS": now.resident // 1024, "RssAnon": now.own // 1024}
 
 
 def far_end(kind: type[Far], folder: Path) -> Far:
@@ -153,7 +153,7 @@ def told(samples: list[dict[str, Any]]) -> tuple[str, dict[str, float]]:
     return table(head, lines), slopes
 
 
-def main() -> int:
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--keep", type=Path, default=Path("memory.jsonl"))
@@ -161,11 +161,11 @@ def main() -> int:
     asked = parser.parse_args()
     lines, slopes = told(sampled(60 * asked.minutes, asked.keep))
     print(lines)
-    grown = [name for name, slope in slopes.items() if slope > asked.allow_kib]
-    for name in grown:
-        print(f"bridge_memory: {name} grows by {slopes[name]:.0f} KiB an hour", file=sys.stderr)
-    return 1 if grown else 0
+    end(
+        "bridge_memory",
+        {f"{name} grows by {slope:.0f} KiB an hour": slope > asked.allow_kib for name, slope in slopes.items()},
+    )
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from evaluation import ROOT, table
+from evaluation.endurance.process import sample
 from evaluation.speed.arm import with_table
 from tests.builders.bridges import Far, Nt, Secure, bridge, secrets
 from tests.builders.made_up_daemon import MadeUpDaemon
@@ -82,7 +83,9 @@ class Robots(Secure):
 
 def memory_kib(process: subprocess.Popen[bytes]) -> int:
     """Resident."""
-    return int(Path(f"/proc/{process.pid}/statm").read_text(encoding="ascii").split()[1]) * 4
+    now = sample(process.pid)
+    assert now is not None, "a bridge has ended"
+    return now.resident // 1024
 
 
 def through_an_outage(far: Far, seconds: float) -> int:

@@ -1,42 +1,49 @@
-"""Fifty clients of the tap, ten of them stalled, for minutes: the daemon's memory stays flat, and no packet is lost.
+"""Fifty clients of the tap, or fifty viewers of the live page, for minutes: memory stays flat, and nobody is lost.
 
-The daemon reads a recording, paced as its sensor, and keeps the last seconds. Of its clients two ask for pictures with
-all reasons, ten ask and never read, and are there again as soon as they are parted with; the others read each line.
+`tap`: the daemon reads a recording, paced as its sensor, and keeps the last seconds. Of its clients two ask for
+pictures with all reasons, ten ask and never read, and are there again as soon as they are parted with; the others read
+each line. No packet may be lost or damaged, and no client that reads parted with. `page`: a daemon that is made up
+shows pictures of 640 × 480. Each viewer asks for one kind, one after the other; two are more than there are places. The
+page may take no more than MemoryMax of ledpi-view.service, and each viewer that has a place must get pictures.
+
 The memory of its own (RssAnon) is looked at each second: after the warm-up, in which ring, caches and heap fill, the
-medians of the first and of the last quarter may differ by --allow-mib. Exit status 1 where they do, or where a packet
-was lost or damaged, a client that reads was parted with, or the daemon ended.
+medians of the first and of the last quarter may differ by --allow-mib. Exit status 1 where one of this does not hold.
 
-    python -m evaluation.endurance crowd [--warm-up 5] [--minutes 10] [--clients 50] [--allow-mib 1]
+    python -m evaluation.endurance crowd [tap|page] [--warm-up 5] [--minutes 10] [--clients 50] [--allow-mib 1]
 """
 
 from __future__ import annotations
 
 import argparse
-import statistics
-import sys
+import re
 import tempfile
 import threading
-import time
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
-from evaluation.endurance.soak import MIB, Sample, sample
+from evaluation import ROOT
+from evaluation.endurance.process import MIB, follow, growth_mib
+from evaluation.running import end
 from evaluation.speed.latency import latencies_ms, recording_in_memory
 from ledpi.core.errors import TapError
 from ledpi.tap.client import Client, connect
+from ledpi.view.connections import MOST
 from tests.builders.daemon import controller, daemon
+from tests.builders.made_up_daemon import LARGE, MadeUpDaemon
 from tests.builders.tap import Raw, reach
+from tests.builders.view import view, watched
+from tests.builders.waiting import wait_until
 
 RING_MB = 32
 PICTURED, STALLED = 2, 10
-TOLD_S = 60.0  # between two lines of the table that is printed on the way
 STALLED_LOOK_S = 1.0  # between two looks whether one was parted with
+PAUSE_S = 0.1  # between two pictures of a viewer: with fifty, more than a processor can send
 
 
 class Crowd:
-    """The clients, each in a thread of its own but for those that stall."""
+    """The tap's clients, each in a thread of its own."""
 
     def __init__(self, path: Path, clients: int) -> None:
         self._path, self._ending = path, threading.Event()
@@ -85,77 +92,89 @@ class Crowd:
                 client.close()
 
 
-def follow(pid: int, seconds: float) -> list[Sample]:
-    """The process each second, with a line each minute."""
-    samples: list[Sample] = []
-    end_s = time.monotonic() + seconds
-    while time.monotonic() < end_s and (now := sample(pid, 0)) is not None:
-        samples.append(now)
-        if len(samples) % TOLD_S == 0:
-            print(f"{now.memory / MIB:.2f} MiB, {now.descriptors} descriptors", flush=True)
-        time.sleep(1.0)
-    return samples
-
-
-def judge(warm_up: float, minutes: float, clients: int, allow_mib: float) -> list[str]:
-    """Runs it, prints what came of it, and returns what is wrong with that."""
+def of_tap(warm_up_s: float, seconds: float, clients: int, allow_mib: float) -> dict[str, bool]:
+    """Runs it, prints what came of it, and returns which faults hold."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         take, line = stack.enter_context(recording_in_memory()), stack.enter_context(controller())
         tap = folder / "tap.sock"
         settings = (f"camera.source=recording:{take}", f"serial.port={line.port}", f"tap.socket={tap}")
-        started = daemon(
-            *settings,
-            f"rewind.memory_mb={RING_MB}",
-            options=("--frames", "100000000"),
-            life_s=60 * (warm_up + minutes) + 300,
-        )
+        life_s, frames = warm_up_s + seconds + 300, ("--frames", "100000000")
+        started = daemon(*settings, f"rewind.memory_mb={RING_MB}", options=frames, life_s=life_s)
         process = stack.enter_context(started)
         reach(tap).close()
         crowd = Crowd(tap, clients)
-        follow(process.pid, 60 * warm_up)
+        follow(process.pid, warm_up_s)
         first = len(line.markers)
-        samples = follow(process.pid, 60 * minutes)
+        samples = follow(process.pid, seconds)
         lives, parted = process.poll() is None, crowd.parted_readers
         crowd.close()
         counters, latency_ms = line.receiver.counters, latencies_ms(line.markers[first:], take)
-    quarter = max(1, len(samples) // 4)
-    before, after = (
-        statistics.median(s.memory for s in part) / MIB for part in (samples[:quarter], samples[-quarter:])
-    )
+    p50, p99 = np.percentile(latency_ms, (50, 99))
     print(
-        f"{clients} clients, {STALLED} of them stalled ({crowd.parted_stalled} were parted with), {minutes:g} minutes: "
-        f"{crowd.lines} lines and {crowd.pictures} pictures were read; {counters.good} packets, {counters.lost} lost, "
-        f"{sum(counters.bad.values())} bad; frame ready → first byte: median {np.median(latency_ms):.2f} ms, p99 "
-        f"{np.percentile(latency_ms, 99):.2f} ms\n"
-        f"memory {before:.2f} MiB in the first quarter, {after:.2f} MiB in the last: growth {after - before:+.2f} MiB; "
-        f"descriptors {samples[0].descriptors} → {samples[-1].descriptors}, threads {samples[0].threads} → "
-        f"{samples[-1].threads}"
+        f"{clients} clients, {STALLED} of them stalled ({crowd.parted_stalled} were parted with), {seconds / 60:g} "
+        f"minutes: {crowd.lines} lines and {crowd.pictures} pictures were read; {counters.good} packets, "
+        f"{counters.lost} lost, {sum(counters.bad.values())} bad; frame ready → first byte: median {p50:.2f} ms, p99 "
+        f"{p99:.2f} ms"
     )
-    faults = {
+    growth = growth_mib(samples)
+    return {
         "the daemon ended": not lives,
-        f"memory has grown by {after - before:.2f} MiB": after - before > allow_mib,
+        f"memory has grown by {growth:.2f} MiB": growth > allow_mib,
         f"{counters.lost} packets were lost, {sum(counters.bad.values())} were bad": bool(
             counters.lost or counters.bad
         ),
         f"{parted} clients that read were parted with": bool(parted),
         "no client got a picture": not crowd.pictures,
-        "no stalled client was parted with": not crowd.parted_stalled and minutes >= 1,
+        "no stalled client was parted with": not crowd.parted_stalled and seconds >= 60,
     }
-    return [fault for fault, holds in faults.items() if holds]
+
+
+def of_page(warm_up_s: float, seconds: float, clients: int, allow_mib: float) -> dict[str, bool]:
+    """Runs it, prints what came of it, and returns which faults hold."""
+    unit = (ROOT / "systemd" / "ledpi-view.service").read_text(encoding="utf-8")
+    limit_mib = float(re.findall(r"^MemoryMax=(\d+)M$", unit, re.MULTILINE)[0])
+    with tempfile.TemporaryDirectory() as name:
+        made_up = MadeUpDaemon(Path(name) / "tap.sock", hello=LARGE)
+        with view(Path(name)) as page:
+            wait_until(lambda: page.ask("/api/state")["link"]["state"] == "up", "the daemon")
+            got: list[int] = []
+            crowd = threading.Thread(target=lambda: got.extend(watched(page, clients, warm_up_s + seconds, PAUSE_S)))
+            crowd.start()
+            before, samples = (follow(page.process.pid, each) for each in (warm_up_s, seconds))
+            crowd.join()
+            ended = page.process.poll() is not None
+        made_up.close()
+    most_mib, served = max(one.resident for one in before + samples) / MIB, sum(count > 0 for count in got)
+    print(
+        f"{clients} viewers, {seconds / 60:g} minutes: {sum(got)} pictures to {served} of them; at most "
+        f"{most_mib:.1f} MiB of {limit_mib:g}"
+    )
+    growth = growth_mib(samples)
+    return {
+        "the page ended": ended,
+        f"memory has grown by {growth:.2f} MiB": growth > allow_mib,
+        f"it took {most_mib:.0f} MiB of {limit_mib:g}": most_mib > limit_mib,
+        f"{served} viewers got pictures": served < min(clients, MOST),
+    }
+
+
+CROWDS = {"tap": (of_tap, 1.0), "page": (of_page, 2.0)}  # and the growth in MiB that is taken for none
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("of", nargs="?", choices=list(CROWDS), help="default: both, one after the other")
     parser.add_argument("--warm-up", type=float, default=5.0, help="minutes before, in which caches and heap fill")
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--clients", type=int, default=50)
-    parser.add_argument("--allow-mib", type=float, default=1.0, help="growth that is taken for none")
-    arguments = parser.parse_args()
-    faults = judge(arguments.warm_up, arguments.minutes, arguments.clients, arguments.allow_mib)
-    for fault in faults:
-        print(f"crowd: {fault}", file=sys.stderr)
-    sys.exit(1 if faults else 0)
+    parser.add_argument("--allow-mib", type=float, help="growth that is taken for none; default: tap 1, page 2")
+    asked = parser.parse_args()
+    faults: dict[str, bool] = {}
+    for of in [asked.of] if asked.of else list(CROWDS):
+        judge, allow_mib = CROWDS[of]
+        faults |= judge(60 * asked.warm_up, 60 * asked.minutes, asked.clients, asked.allow_mib or allow_mib)
+    end("crowd", faults)
 
 
 if __name__ == "__main__":

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import argparse
 import random
-import sys
 import time
 from collections.abc import Callable
 
+from evaluation.running import end
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage, WirePose
 from ledpi.wire.codec import decode, encode
 from tests.builders.receiver import Received, received_in_c
@@ -128,9 +128,7 @@ def main() -> None:
     found = faults(stream, whole)
     counters = received_in_python(stream).counters
     print(f"{len(stream)} bytes in {time.monotonic() - started:.1f} s; {len(whole)} whole frames; {counters}")
-    for fault in found:
-        print(f"receivers: {fault}", file=sys.stderr)
-    sys.exit(1 if found else 0)
+    end("receivers", dict.fromkeys(found, True))
 
 
 if __name__ == "__main__":

@@ -2,11 +2,9 @@
 
 Renders ten seconds of a robot that drives up to two panels and back, and runs `ledpi run --unpaced --frames N` on that
 recording, again and again, with a pty for the controller, whose stream is read and checked. Looks at the process in
-/proc: at its own memory (RssAnon), as of the files that it has mapped the kernel keeps more or less as it likes. The
-first tenth of the frames (but at least 100) is warm-up: by then all that is kept has been made. Of the rest, the median
-memory of the first quarter is compared with that of the last one, as it goes up and down within a frame. Exit status 1
-where it has grown by more than --allow-mib, where threads or descriptors have, where a packet was damaged or an ID
-wrong, or where the daemon failed.
+/proc. The first tenth of the frames (but at least 100) is warm-up: by then all that is kept has been made. Of the rest,
+the memory of the first quarter is compared with that of the last one. Exit status 1 where it has grown by more than
+--allow-mib, where threads or descriptors have, where a packet was damaged or an ID wrong, or where the daemon failed.
 
     python -m evaluation.endurance soak [--frames 50000] [--width 640] [--allow-mib 1]
 """
@@ -16,7 +14,6 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -24,10 +21,11 @@ import threading
 import time
 import tty
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 from evaluation import ROOT
+from evaluation.endurance.process import MIB, Sample, growth_mib, sample
+from evaluation.running import end
 from ledpi.simulate.scenes import DRIVE_IDS
 from ledpi.wire import MarkerMessage, Receiver, State, StatusMessage
 
@@ -36,17 +34,6 @@ WARM_UP_SHARE, WARM_UP_FRAMES = 0.1, 100
 ROUND_FRAMES = 600  # of the recording at most: the robot is back where it began
 ROUNDS = 3  # at least: what the first one has seen, and made, is what the others need
 ROWS = 20  # of the table that is printed on the way
-MIB = 2**20
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """The process at one moment."""
-
-    frames: int  # through the daemon by then, as its heartbeat says
-    memory: int  # bytes
-    threads: int
-    descriptors: int
 
 
 class Controller:
@@ -85,18 +72,6 @@ class Controller:
         os.close(self._master)
 
 
-def sample(pid: int, frames: int) -> Sample | None:
-    """None where the process has ended, or is about to."""
-    place = Path(f"/proc/{pid}")
-    try:
-        own = re.search(r"RssAnon:\s+(\d+) kB", (place / "status").read_text())
-        threads = len(list((place / "task").iterdir()))
-        descriptors = len(list((place / "fd").iterdir()))
-    except OSError:
-        return None
-    return None if own is None else Sample(frames, 1024 * int(own[1]), threads, descriptors)
-
-
 def ledpi(command: str, *options: str, settings: tuple[str, ...]) -> list[str]:
     """The command line that runs it, with the settings of a panel of 16 cm and these."""
     # The ring of the last seconds is full before the warm-up ends: what grows afterwards is lost.
@@ -113,11 +88,11 @@ def render(take: Path, frames: int, width: int) -> None:
     )
 
 
-def run(frames: int, take: Path, controller: Controller) -> tuple[int, str, list[Sample]]:
-    """Exit status, the log, and the samples of one daemon."""
+def run(frames: int, take: Path, controller: Controller) -> tuple[int, str, list[tuple[int, Sample]]]:
+    """Exit status, the log, and the samples of one daemon, each with the frames through it by then."""
     settings = (f"camera.source=recording:{take}", f"serial.port={controller.port}")
     command = ledpi("run", "--unpaced", "--frames", str(frames), settings=settings)
-    samples: list[Sample] = []
+    samples: list[tuple[int, Sample]] = []
     with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
         log: list[str] = []
         assert process.stderr is not None
@@ -129,15 +104,15 @@ def run(frames: int, take: Path, controller: Controller) -> tuple[int, str, list
             status = controller.last_status
             if status is None or not status.frames or status.state is State.STOPPING:
                 continue
-            now = sample(process.pid, status.frames)
+            now = sample(process.pid)
             if now is None:
                 continue
-            samples.append(now)
-            if now.frames >= (rows + 1) * frames / ROWS:
-                rows = now.frames * ROWS // frames
+            samples.append((status.frames, now))
+            if status.frames >= (rows + 1) * frames / ROWS:
+                rows = status.frames * ROWS // frames
                 since_s = time.monotonic() - started
                 print(
-                    f"{since_s:8.1f} s  {now.frames:7} frames  {now.memory / MIB:7.2f} MiB  "
+                    f"{since_s:8.1f} s  {status.frames:7} frames  {now.own / MIB:7.2f} MiB  "
                     f"{now.threads} threads  {now.descriptors} descriptors  decoding "
                     f"{(status.decode_p50_us or 0) / 1e3:.1f} ms, p99 {(status.decode_p99_us or 0) / 1e3:.1f} ms",
                     flush=True,
@@ -146,8 +121,8 @@ def run(frames: int, take: Path, controller: Controller) -> tuple[int, str, list
     return process.returncode, "".join(log), samples
 
 
-def judge(frames: int, width: int, allow_mib: float) -> list[str]:
-    """Runs it, prints what came of it, and returns what is wrong with that."""
+def judge(frames: int, width: int, allow_mib: float) -> dict[str, bool]:
+    """Runs it, prints what came of it, and returns which faults hold."""
     controller = Controller()
     with tempfile.TemporaryDirectory() as folder:
         take = Path(folder) / "drive"
@@ -158,27 +133,20 @@ def judge(frames: int, width: int, allow_mib: float) -> list[str]:
     controller.close()
     ended = re.search(r"ended: (\d+) frames, (\d+) dropped, (\d+) decoded, (\d+) markers", log)
     if status != 0 or ended is None:
-        return [f"the daemon ended with status {status}:\n{log}"]
+        return {f"the daemon ended with status {status}:\n{log}": True}
     delivered, dropped, decoded, markers = map(int, ended.groups())
-    warm = [s for s in samples if s.frames >= max(WARM_UP_FRAMES, WARM_UP_SHARE * frames)]
+    warm = [one for reached, one in samples if reached >= max(WARM_UP_FRAMES, WARM_UP_SHARE * frames)]
     print(
         f"{delivered} frames in {seconds:.1f} s ({delivered / seconds:.1f} frames/s, start-up included), {dropped} "
         f"dropped, {decoded} decoded, {markers} markers; packets {controller.receiver.counters}; "
         f"IDs {dict(sorted(controller.ids.items()))}"
     )
     if len(warm) < 8:
-        return [f"too short to judge: {len(warm)} samples after the warm-up"]
-    quarter = len(warm) // 4
-    before, after = (statistics.median(s.memory for s in part) / MIB for part in (warm[:quarter], warm[-quarter:]))
-    first, last = warm[0], warm[-1]
-    print(
-        f"memory {before:.1f} MiB from frame {first.frames}, {after:.1f} MiB to frame {last.frames}: growth "
-        f"{after - before:+.2f} MiB; threads {first.threads} → {last.threads}, descriptors {first.descriptors} → "
-        f"{last.descriptors}"
-    )
+        return {f"too short to judge: {len(warm)} samples after the warm-up": True}
+    growth, first, last = growth_mib(warm), warm[0], warm[-1]
     wrong_ids = sorted(set(controller.ids) - set(DRIVE_IDS))
-    faults = {
-        f"memory has grown by {after - before:.2f} MiB, more than {allow_mib:g}": after - before > allow_mib,
+    return {
+        f"memory has grown by {growth:.2f} MiB, more than {allow_mib:g}": growth > allow_mib,
         "threads have become more": last.threads > first.threads,
         "descriptors have become more": last.descriptors > first.descriptors,
         f"{delivered} frames came, {decoded} were decoded, of {frames}": not delivered == decoded == frames,
@@ -186,7 +154,6 @@ def judge(frames: int, width: int, allow_mib: float) -> list[str]:
         f"IDs that are not in the scene: {wrong_ids}": bool(wrong_ids),
         f"damaged packets: {controller.receiver.counters.bad}": bool(controller.receiver.counters.bad),
     }
-    return [fault for fault, holds in faults.items() if holds]
 
 
 def main() -> None:
@@ -195,10 +162,7 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=640, help="of the pictures, which are 4:3")
     parser.add_argument("--allow-mib", type=float, default=1.0, help="growth after the warm-up that is taken for none")
     arguments = parser.parse_args()
-    faults = judge(arguments.frames, arguments.width, arguments.allow_mib)
-    for fault in faults:
-        print(f"soak: {fault}", file=sys.stderr)
-    sys.exit(1 if faults else 0)
+    end("soak", judge(arguments.frames, arguments.width, arguments.allow_mib))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import os
 import statistics
-import sys
 import tempfile
 import threading
 import time
@@ -24,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation.running import end
 from evaluation.speed.latency import WARM_UP, latencies_ms, recording_in_memory
 from evaluation.speed.viewers import scheduled
 from ledpi.core.records import Floats
@@ -134,14 +134,12 @@ def main() -> None:
     without, beside = (np.concatenate(each) for each in zip(*taken, strict=True))
     ratio = statistics.median(float(np.percentile(b, 99) / np.percentile(a, 99)) for a, b in taken)
     print(f"together: {told(without, beside)}; median of the turns' ratios {ratio:.3f} (allowed {arguments.allow:g})")
+    fewer = len(beside) < (1 - LOST_SHARE) * len(without)
     faults = {
         f"p99 is {ratio:.3f} times that without": ratio > arguments.allow,
-        f"{len(beside)} packets came with bridges, {len(without)} without": len(beside)
-        < (1 - LOST_SHARE) * len(without),
+        f"{len(beside)} packets came with bridges, {len(without)} without": fewer,
     }
-    for fault in (fault for fault, holds in faults.items() if holds):
-        print(f"bridges: {fault}", file=sys.stderr)
-    sys.exit(1 if any(faults.values()) else 0)
+    end("bridges", faults)
 
 
 if __name__ == "__main__":

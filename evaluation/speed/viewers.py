@@ -15,9 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import re
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -28,6 +26,8 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation.endurance.process import sample
+from evaluation.running import end
 from evaluation.speed.latency import WARM_UP, latencies_ms, recording_in_memory
 from ledpi.core.records import Floats
 from tests.builders.daemon import COMMAND, LIFE_S, controller, daemon
@@ -86,9 +86,10 @@ def turn(take: Path, seconds: float, *, watched: bool) -> Turn:
         time.sleep(seconds)
         pictures = pages.pictures - before
         latency_ms = latencies_ms(line.markers[first:], take)
-        memory_mb = own_memory_mb(process.pid)
+        memory = sample(process.pid)
         pages.close()
-    return Turn(latency_ms, memory_mb, pictures)
+    assert memory is not None, "the daemon ended"
+    return Turn(latency_ms, memory.own / 1e6, pictures)
 
 
 class _Pages:
@@ -125,15 +126,8 @@ class _Pages:
             time.sleep(STATE_PAUSE_S)
 
 
-def own_memory_mb(pid: int) -> float:
-    """RssAnon: of the files that it has mapped the kernel keeps more or less as it likes."""
-    found = re.search(r"RssAnon:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
-    assert found is not None
-    return int(found[1]) * 1024 / 1e6
-
-
-def cost(turns: int, seconds: float, allow: float) -> list[str]:
-    """Prints latency and memory; returns what is too much."""
+def cost(turns: int, seconds: float, allow: float) -> dict[str, bool]:
+    """Prints latency and memory; returns what may be too much."""
     taken: dict[bool, list[Turn]] = {False: [], True: []}
     with recording_in_memory() as take:
         for number in range(turns):
@@ -155,12 +149,11 @@ def cost(turns: int, seconds: float, allow: float) -> list[str]:
         f"{p50[False]:.2f} ms, p99 {p99[True]:.2f} / {p99[False]:.2f} ms = {ratio:.3f} (allowed {allow:g})\n"
         f"memory: {growth_mb:.1f} MB more, of which the last seconds may take {RING_MB} (allowed {RING_MB + MORE_MB})"
     )
-    faults = {
+    return {
         f"p99 is {ratio:.3f} times that without": ratio > allow,
         f"memory has grown by {growth_mb:.1f} MB": growth_mb > RING_MB + MORE_MB,
         "the viewers got no pictures": not all(one.pictures for one in taken[True]),
     }
-    return [fault for fault, holds in faults.items() if holds]
 
 
 def ages_ms(seconds: float) -> Floats:
@@ -193,11 +186,11 @@ def _watched_daemon() -> Iterator[Page]:
             yield page
 
 
-def age(seconds: float) -> list[str]:
-    """Prints how old the page's pictures are; returns what is too much."""
+def age(seconds: float) -> dict[str, bool]:
+    """Prints how old the page's pictures are; returns what may be too much."""
     if CHROMIUM is None or DRIVER is None:
         print("the page's age: left out, Debian's chromium and chromium-driver are not here")
-        return []
+        return {}
     ages = ages_ms(seconds)
     p50, p95 = np.percentile(ages, [50, 95])
     late = float(np.mean(ages > LATE_MS))
@@ -205,7 +198,7 @@ def age(seconds: float) -> list[str]:
         f"the page's picture in Chromium on this machine: {len(ages)} looked at, age median {p50:.0f} ms, "
         f"p95 {p95:.0f} ms, largest {ages.max():.0f} ms; {100 * late:.1f} % above {LATE_MS:.0f} ms"
     )
-    return [f"the page's pictures are {p95:.0f} ms old (p95)"] if p95 > LATE_MS else []
+    return {f"the page's pictures are {p95:.0f} ms old (p95)": bool(p95 > LATE_MS)}
 
 
 def main() -> None:
@@ -215,10 +208,7 @@ def main() -> None:
     parser.add_argument("--allow", type=float, default=1.15)
     arguments = parser.parse_args()
     print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f} before")
-    faults = cost(arguments.turns, arguments.seconds, arguments.allow) + age(arguments.seconds)
-    for fault in faults:
-        print(f"viewers: {fault}", file=sys.stderr)
-    sys.exit(1 if faults else 0)
+    end("viewers", cost(arguments.turns, arguments.seconds, arguments.allow) | age(arguments.seconds))
 
 
 if __name__ == "__main__":
