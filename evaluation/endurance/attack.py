@@ -1,8 +1,8 @@
 """Attacks what reads pictures, recordings and packets, in programs that gcc's sanitizers watch.
 
 Builds ledpi's C core with AddressSanitizer and UndefinedBehaviorSanitizer. Then three attacks run side by side for so
-many minutes: hostile pictures into `Pipeline.decode` (hostile_frames.py), damaged recordings into the reader and the
-decoder (hostile_recordings.py), and random bytes into the reference receiver (tests/builders/receiver_fuzz_loop.c).
+many minutes: hostile pictures into `Pipeline.decode` (hostile.py scene), damaged recordings into the reader and the
+decoder (hostile.py recording), and random bytes into the reference receiver (tests/builders/receiver_fuzz_loop.c).
 Exit status 1 where one of them failed; what it said, and the command that does the same again, are printed.
 docs/attacks.md says what is attacked, and what has to hold. Needs gcc.
 
@@ -22,9 +22,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from evaluation.endurance.sanitized import FLAGS, ROOT, build, check_it_sees, environment
+from evaluation import ROOT
+from evaluation.endurance.sanitized import FLAGS, build, check_it_sees, environment
 
-PICTURES, RECORDINGS = "evaluation.endurance.hostile_frames", "evaluation.endurance.hostile_recordings"
+HOSTILE = "evaluation.endurance.hostile"
 GRACE_S = 300  # for what was begun when the time was over
 SHORT_S, SHORT_SCENES, SHORT_RECORDINGS = 100, 12, 80
 
@@ -60,20 +61,18 @@ def attacks(seed: int, seconds: float, receiver: str, *, short: bool) -> list[At
     processes = 1 if short else max((os.cpu_count() or 2) - 1, 1)
     scenes, recordings = (("--most", SHORT_SCENES), ("--most", SHORT_RECORDINGS)) if short else ((), ())
     pictures = [
-        Attack("pictures", python(PICTURES, "--seconds", seconds, *scenes, "--seed", own), "scene", own)
+        Attack("pictures", python(HOSTILE, "scene", "--seconds", seconds, *scenes, "--seed", own), "scene", own)
         for own in range(seed, seed + processes)
     ]
-    damaged = python(RECORDINGS, "--seconds", seconds, *recordings, "--seed", seed)
+    damaged = python(HOSTILE, "recording", "--seconds", seconds, *recordings, "--seed", seed)
     random_bytes = [receiver, str(max(round(seconds / 4), 1)), str(seed)]
     return [*pictures, Attack("recordings", damaged, "recording", seed), Attack("receiver", random_bytes)]
 
 
 def one(seed: int, scene: int | None, recording: int | None) -> Attack:
     """A single scene or recording."""
-    if scene is not None:
-        return Attack("pictures", python(PICTURES, "--seed", seed, "--scene", scene), "scene", seed)
-    again = python(RECORDINGS, "--seed", seed, "--recording", recording)
-    return Attack("recordings", again, "recording", seed)
+    name, kind, number = ("recordings", "recording", recording) if scene is None else ("pictures", "scene", scene)
+    return Attack(name, python(HOSTILE, kind, "--seed", seed, "--only", number), kind, seed)
 
 
 def run(chosen: list[Attack], run_in: dict[str, str], folder: Path, seconds: float) -> bool:

@@ -1,26 +1,17 @@
-"""Pictures that were made to bring a decoder down, given to `Pipeline.decode`: does it fail, or say what is no number?
+"""Pictures that were made to bring a decoder down: cameras, panels and scenes.
 
 Each scene has a few of the KINDS of hostile_pictures.py, one of them by turns: packed grids, panes, keyboards, 128
 squares, LED matrices, text, noise and so on. Their parts are steady, or blink as panels do, and they move from frame to
 frame. Half of the scenes are easy otherwise, with a panel that can be read: so what follows panels is attacked, too.
-Camera, lens, dictionary and method are drawn. `attack.py` runs this on a core that sanitizers watch. A scene depends on
-seed and number alone; its number is printed before it is decoded.
-
-    python -m evaluation.endurance.hostile_frames [--seconds 60] [--most 100] [--seed 0] [--scene 12345]
+Camera, lens, dictionary and method are drawn.
 """
 
 from __future__ import annotations
 
-import argparse
-import os
-import sys
-import time
-import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import get_args
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
@@ -47,6 +38,7 @@ MAX_FRAMES = 8  # of a scene
 
 def draw_camera(rng: Rng, *, easy: bool) -> CameraInfo:
     """Any size, exposure, rows and lens; or a usual one."""
+    lens = None
     if easy:
         width, height = USUAL_SIZE
         lens = Intrinsics(width=width, height=height, fx=width, fy=width, cx=width / 2, cy=height / 2)
@@ -59,12 +51,11 @@ def draw_camera(rng: Rng, *, easy: bool) -> CameraInfo:
             intrinsics=lens,
         )
     width, height = SIZES[rng.choice(len(SIZES), p=SIZE_SHARES)]
-    lens = None
     if rng.random() < 0.8:
         focal = rng.choice(FOCAL_WIDTHS) * width
         k1, k2, p1, p2, k3 = rng.choice(DISTORTIONS, p=DISTORTION_SHARES) * rng.uniform(-1, 1, 5)
-        centre = {"cx": width / 2, "cy": height / 2}
-        lens = Intrinsics(width=width, height=height, fx=focal, fy=focal, **centre, distortion=(k1, k2, p1, p2, k3))
+        cx, cy, distortion = width / 2, height / 2, (k1, k2, p1, p2, k3)
+        lens = Intrinsics(width=width, height=height, fx=focal, fy=focal, cx=cx, cy=cy, distortion=distortion)
     return CameraInfo(
         width=width,
         height=height,
@@ -146,67 +137,18 @@ class Blink:
         ]
 
 
-def check_numbers(decoded: Decoded) -> None:
-    """Raises ValueError where a place is none."""
-    poses = [] if decoded.robot is None else [decoded.robot.map_from_base_link]
-    for marker in decoded.markers:
-        poses += [s.camera_from_marker for s in (marker.solution, marker.alternate) if s is not None]
-    values = [marker.detection.corners_px for marker in decoded.markers]
-    for pose in poses:
-        values += [pose.position_m, pose.quaternion_wxyz]
-        if pose.covariance is not None:
-            values.append(pose.covariance)
-    if not all(np.isfinite(value).all() for value in values):
-        raise ValueError(f"frame {decoded.seq}: {decoded.markers} {decoded.robot}")
+@contextmanager
+def attacks() -> Iterator[Callable[[int, int], Iterator[Decoded]]]:
+    """Yields what decodes a scene, by seed and number."""
+    yield decode
 
 
-@dataclass
-class Tally:
-    """Counts of what has been decoded so far."""
-
-    scenes: int = 0
-    frames: int = 0
-    markers: int = 0
-    slowest_s: float = 0.0
-    slowest_scene: int = 0
-
-
-def attack(seed: int, number: int, tally: Tally) -> None:
-    """Decodes one scene."""
-    print(f"scene {number}", flush=True)
+def decode(seed: int, number: int) -> Iterator[Decoded]:
+    """Yields what each frame of a scene has come to."""
     rng = np.random.default_rng((seed, number))
     easy = bool(rng.random() < 0.5)
     camera, panels = draw_camera(rng, easy=easy), draw_panels(rng)
     method: Method = "uemura" if panels.phase == "free" and rng.random() < 0.1 else "likelihood"
     stream = bool(rng.random() < 0.8)
     pipeline = Pipeline(camera, panels, intrinsics=camera.intrinsics, method=method, stream=stream)
-    tally.scenes += 1
-    for frame in frames(camera, panels, rng, number % len(KINDS), easy=easy):
-        began_s = time.monotonic()
-        decoded = pipeline.decode(frame)
-        took_s = time.monotonic() - began_s
-        if took_s > tally.slowest_s:
-            tally.slowest_s, tally.slowest_scene = took_s, number
-        check_numbers(decoded)
-        tally.frames += 1
-        tally.markers += len(decoded.markers)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--most", type=int, default=sys.maxsize, help="so many, if time is left")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--scene", type=int, help="this one only")
-    arguments = parser.parse_args()
-    warnings.simplefilter("error", RuntimeWarning)  # numpy's, of what is no number
-    tally, ends_s = Tally(), time.monotonic() + arguments.seconds
-    if arguments.scene is not None:
-        attack(arguments.seed, arguments.scene, tally)
-    while arguments.scene is None and tally.scenes < arguments.most and time.monotonic() < ends_s:
-        attack(arguments.seed, tally.scenes, tally)
-    print(tally)
-
-
-if __name__ == "__main__":
-    main()
+    yield from map(pipeline.decode, frames(camera, panels, rng, number % len(KINDS), easy=easy))

@@ -31,7 +31,7 @@ class Drawing:
         """Draws `shape` at 255 into an empty picture."""
         picture = np.zeros(self.light.shape[1:], np.uint8)
         shape(picture)
-        self.add(picture.astype(np.float32) / 255, layer)
+        self.add(picture.astype(np.float32) / np.float32(255), layer)
 
 
 def noise(drawing: Drawing, rng: Rng) -> None:
@@ -96,7 +96,7 @@ def tiny(drawing: Drawing, rng: Rng) -> None:
     for _ in range(rng.integers(1, 80)):
         corners = rng.uniform(0, (width, height)) + rng.integers(0, rng.integers(2, 12), (4, 2))
         points = np.rint(corners).astype(np.int32)
-        drawing.draw(lambda picture, points=points: cv2.fillPoly(picture, [points], 255), rng.integers(3))
+        drawing.draw(partial(cv2.fillPoly, pts=[points], color=255), rng.integers(3))
 
 
 def text(drawing: Drawing, rng: Rng) -> None:

@@ -2,42 +2,29 @@
 
 A recording of the simulated drive, and a map of its panels, are damaged in one to three ways: numbers of the header,
 of the frames or of the map become others, at and beyond the limits, or none; bytes of these files are flipped, lost or
-cut off; pictures are cut off, damaged, of another size, or show noise. `attack.py` runs this on a core that sanitizers
-watch. A recording depends on seed and number alone; its number is printed before it is read.
-
-    python -m evaluation.endurance.hostile_recordings [--seconds 60] [--most 100] [--seed 0] [--recording 12345]
+cut off; pictures are cut off, damaged, of another size, or show noise.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import logging
 import math
-import os
 import random
 import shutil
-import sys
 import tempfile
-import time
-import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import cv2
 import numpy as np
 import yaml
 
-from evaluation.endurance.hostile_frames import check_numbers
 from ledpi.camera.factory import open_camera
 from ledpi.config.robot import load_robot
 from ledpi.config.settings import load_config
-from ledpi.core.errors import LedpiError
-from ledpi.core.records import Frame
+from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.writer import RecordingWriter
 
@@ -53,18 +40,6 @@ panels:
 FACTORS = (-1.0, 1e-9, 0.01, 0.5, 1 - 1e-9, 1 + 1e-9, 1.03, 2.0, 100.0, 1e9)
 # Limits of one value or another, and what is no number.
 VALUES = (0, 1, -1, 10, 1000, 5000, 100_000, 10_000_000, 0.001, 0.01, 0.99, 1e300, 5e-324, 2**63, math.nan, math.inf)
-
-
-@dataclass
-class Tally:
-    """Counts of what has been read so far."""
-
-    recordings: int = 0
-    refused: int = 0
-    frames: int = 0
-    markers: int = 0
-    fixes: int = 0
-    slowest_s: float = 0.0  # of a whole recording
 
 
 def write_sound(folder: Path) -> None:
@@ -152,8 +127,8 @@ def damage(take: Path, rng: random.Random) -> None:
             continue
 
 
-def decode(take: Path, tally: Tally) -> None:
-    """As `ledpi run` does. Raises LedpiError where it is refused."""
+def decode(take: Path) -> Iterator[Decoded]:
+    """Yields what each frame has come to, as with `ledpi run`. Raises LedpiError where it is refused."""
     config = load_config(None, (f"camera.source=recording:{take}", f"map={take / MAP}"))
     camera = open_camera(config, paced=False)
     into = np.empty((camera.info.height, camera.info.width), np.uint8)
@@ -161,49 +136,20 @@ def decode(take: Path, tally: Tally) -> None:
     pipeline = Pipeline(camera.info, config.panels, intrinsics=lens, source_panel=camera.panel, robot=robot)
     while (frame := camera.read(into)) is not None:
         if isinstance(frame, Frame):
-            decoded = pipeline.decode(frame)
-            check_numbers(decoded)
-            tally.frames += 1
-            tally.markers += len(decoded.markers)
-            tally.fixes += decoded.robot is not None
+            yield pipeline.decode(frame)
 
 
-def attack(sound: Path, seed: int, number: int, tally: Tally) -> None:
-    """Damages a copy of one, and reads that."""
-    print(f"recording {number}", flush=True)
-    began_s = time.monotonic()
+@contextmanager
+def attacks() -> Iterator[Callable[[int, int], Iterator[Decoded]]]:
+    """Yields what damages a copy of a sound recording, by seed and number, and reads that."""
     with tempfile.TemporaryDirectory() as folder:
-        take = Path(shutil.copytree(sound, Path(folder) / "take"))
-        damage(take, random.Random(f"{seed} {number}"))
-        try:
-            decode(take, tally)
-        except LedpiError as error:
-            if "\n" in str(error):
-                raise ValueError("a complaint of several lines") from error
-            tally.refused += 1
-    tally.recordings += 1
-    tally.slowest_s = max(tally.slowest_s, time.monotonic() - began_s)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--most", type=int, default=sys.maxsize, help="so many, if time is left")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--recording", type=int, help="this one only")
-    arguments = parser.parse_args()
-    warnings.simplefilter("error", RuntimeWarning)  # numpy's, of what is no number
-    logging.disable()  # each picture that cannot be read has a line there
-    tally, ends_s = Tally(), time.monotonic() + arguments.seconds
-    with tempfile.TemporaryDirectory() as folder:
-        sound = Path(folder) / "sound"
+        sound, take = Path(folder) / "sound", Path(folder) / "take"
         write_sound(sound)
-        if arguments.recording is not None:
-            attack(sound, arguments.seed, arguments.recording, tally)
-        while arguments.recording is None and tally.recordings < arguments.most and time.monotonic() < ends_s:
-            attack(sound, arguments.seed, tally.recordings, tally)
-    print(tally)
 
+        def attack(seed: int, number: int) -> Iterator[Decoded]:
+            shutil.rmtree(take, ignore_errors=True)
+            shutil.copytree(sound, take)
+            damage(take, random.Random(f"{seed} {number}"))
+            yield from decode(take)
 
-if __name__ == "__main__":
-    main()
+        yield attack

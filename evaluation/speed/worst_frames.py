@@ -116,7 +116,7 @@ def corners(width: int, height: int, marker_id: int) -> Floats:
     x, y, side = PLACES[marker_id]
     half, cos, sin = side * height / 2, np.cos(TURNED_RAD), np.sin(TURNED_RAD)
     square = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    return square @ np.array([[cos, sin], [-sin, cos]]) + (x * width + 0.3, y * height + 0.6)
+    return np.asarray(square @ np.array([[cos, sin], [-sin, cos]]) + (x * width + 0.3, y * height + 0.6))
 
 
 @dataclass(kw_only=True)
@@ -157,7 +157,10 @@ def run(pipeline: Pipeline, scenery: Scenery, *, frames: int, comes: int, slower
         def at_ms(started: float = started, begins_ms: float = begins_ms) -> float:
             return begins_ms + 1e3 * slower * (time.thread_time() - started)
 
-        decoded = pipeline.decode(frame, on_partial=lambda _, at_ms=at_ms: told.progress_ms.append(at_ms()))
+        def note_progress(_: object, at_ms: Callable[[], float] = at_ms) -> None:
+            told.progress_ms.append(at_ms())
+
+        decoded = pipeline.decode(frame, on_partial=note_progress)
         free_ms = at_ms()
         told.progress_ms.append(free_ms)
         took_ms = free_ms - begins_ms
