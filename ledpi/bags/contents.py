@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from ledpi.bags.bounds import libraries_silent
 from ledpi.config.camera_yaml import lens_of_form
 from ledpi.config.lens_forms import lens_form
 from ledpi.config.values import MAX_SIDE_PX, Finite, SidePx
@@ -150,7 +151,8 @@ def luma_of_image(image: Image, where: str) -> Pixels:
 def luma_of_compressed(image: Compressed, where: str) -> Pixels:
     """Its luma, as the sensor gave it: marks that turn a picture are passed over. Raises RecordingError."""
     try:
-        picture = cv2.imdecode(image.data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        with libraries_silent():
+            picture = cv2.imdecode(image.data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         picture = None
     if picture is None:

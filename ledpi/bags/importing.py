@@ -6,7 +6,6 @@ are taken; what it does not say (row time, exposure, panels) the configuration m
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -16,7 +15,7 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 
-from ledpi.bags.bounds import memory_bounded
+from ledpi.bags.bounds import libraries_silent, memory_bounded
 from ledpi.bags.contents import Compressed, Image, Info, Text, checked, lens_of_info, luma_of_compressed, luma_of_image
 from ledpi.bags.names import FRAME, IMAGE, METADATA, TRUTH
 from ledpi.bags.reading import Item, Warn, messages
@@ -24,7 +23,7 @@ from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
 from ledpi.config.values import MAX_SIDE_PX
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
-from ledpi.core.files import not_written
+from ledpi.core.files import not_written, parse_json
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, Pixels
 from ledpi.core.wording import shortened
 from ledpi.markers.dictionaries import is_file
@@ -127,8 +126,8 @@ def _line(item: Item, path: Path) -> str:
 
 def _parsed(text: str, model: type[Line], path: Path) -> Line:
     try:
-        return model.model_validate(json.loads(text))
-    except (ValueError, RecursionError):
+        return model.model_validate(parse_json(text))
+    except ValueError:
         name = FRAME if model is FrameLine else TRUTH
         raise RecordingError(f"{path}: {name}: holds what is no line of a recording") from None
 
@@ -241,7 +240,8 @@ def import_video(config: Config, path: Path, out: Path, warn: Warn) -> Iterator[
 def _of_video(path: Path) -> Iterator[Picture]:
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
-    video = cv2.VideoCapture(str(path))
+    with libraries_silent():
+        video = cv2.VideoCapture(str(path))
     if not video.isOpened():
         raise RecordingError(f"{path}: cannot be read as a video; is it whole? One that was cut off has no index")
     video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # rows as the sensor read them, however the phone was held
@@ -251,7 +251,8 @@ def _of_video(path: Path) -> Iterator[Picture]:
     last_ns, period_ns = -1, round(1e9 / (rate_hz if 0.001 < rate_hz < 1e6 else 30.0))
     try:
         while True:
-            there, picture = video.read()
+            with libraries_silent():
+                there, picture = video.read()
             if not there:
                 return
             at_ms = video.get(cv2.CAP_PROP_POS_MSEC)

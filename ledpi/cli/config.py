@@ -99,8 +99,8 @@ def check(
 ) -> None:
     """List all mistakes of a configuration at once.
 
-    Wrong keys and values, and mistakes in the lens and the map that the file names. Exit status 2 if there are any.
-    `ledpi doctor` also looks at the machine and the camera.
+    Wrong keys and values, and mistakes in the files that it names: lens, map, those of outputs. Exit status 2 if there
+    are any. `ledpi doctor` also looks at the machine and the camera.
 
     Example: ledpi config check --config /etc/ledpi/config.yaml
     """
@@ -128,6 +128,7 @@ def set_values(
     """
     from ledpi.config.check import mistakes_in
     from ledpi.config.settings import found_config
+    from ledpi.core.mounts import lost_at_reboot
     from ledpi.tools.calibrate.config_file import change_config, check_changeable
 
     file = found_config(config)
@@ -142,6 +143,8 @@ def set_values(
     for key, value in changes.items():
         typer.echo(f"{file}: {'.'.join(map(str, key))}: {_text(value)}")
     typer.echo(f"The older file is {kept}.")
+    if lost := lost_at_reboot(file):
+        typer.echo(lost)
     if file.absolute() == SERVICE_FILE:
         typer.echo("Next: sudo systemctl reload ledpi")
 

@@ -38,18 +38,20 @@ _UNKNOWN = ("extra_forbidden", "invalid_key")
 _BRANCHES = ("number", "auto", "[key]")
 
 
-def validated(model: type[M], raw: Any, where: str, error_type: type[LedpiError]) -> M:
-    """The values as this model. Raises `error_type`, one line: where, key, what is wrong, what would be right."""
+def validated(model: type[M], raw: Any, where: str, error_type: type[LedpiError], more: str = "more") -> M:
+    """The values as this model. Raises `error_type`, one line: where, key, what is wrong, what would be right; and the
+    number of further mistakes, as `more`.
+    """
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        raise error_type(f"{where}: {explain(error, model)}") from None
+        raise error_type(f"{where}: {explain(error, model, more)}") from None
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> str:
+def explain(error: ValidationError, model: type[BaseModel], more: str = "more") -> str:
     """One line for the first thing that is wrong in a `model`, with the number of the others."""
     first, *others = explain_all(error, model)
-    return first + (f" (and {len(others)} more)" if others else "")
+    return first + (f" (and {len(others)} {more})" if others else "")
 
 
 def explain_all(error: ValidationError, model: type[BaseModel]) -> list[str]:

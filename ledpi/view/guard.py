@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -99,6 +100,5 @@ def _body(headers: Mapping[str, str]) -> Refusal | None:
 def host_of(header: str) -> str:
     """The name or number in a Host header, without port and brackets, in lower case."""
     host = header.strip().lower()
-    if host.startswith("["):
-        return host[1:].partition("]")[0]
-    return host.rpartition(":")[0] if ":" in host else host
+    parts = re.fullmatch(r"(?:\[([^\]]*)\]|([^:\[]*))(?::[0-9]*)?", host)
+    return host if parts is None else parts[1] or parts[2] or ""

@@ -307,7 +307,9 @@ def test_nothing_is_told_without_the_token(site: Site, daemon: MadeUpDaemon) -> 
     assert TOKEN.encode() not in b"".join(site.ask("GET", path).body for path in ("/", "/main.js", "/view.css"))
 
 
-@pytest.mark.parametrize("host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:80", "", "robot"])
+@pytest.mark.parametrize(
+    "host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil:80", "[::1].evil", "", "robot"]
+)
 def test_a_foreign_name_that_leads_here_is_refused(site: Site, host: str) -> None:
     """DNS rebinding: a foreign site's own page would otherwise read ours."""
     for path in ("/", "/api/state"):
