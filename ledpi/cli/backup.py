@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 import shlex
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from ledpi.cli import app
-from ledpi.core.errors import ConfigError
 from ledpi.core.wording import one_line
 
 if TYPE_CHECKING:
@@ -64,19 +62,14 @@ def restore(
     Example: ledpi restore robot.ledpi --config /etc/ledpi/config.yaml
     """
     from ledpi.config.settings import find_config
+    from ledpi.core.errors import ConfigError
     from ledpi.core.files import read_bytes
-    from ledpi.tools.backup import targets, unpack
-    from ledpi.tools.calibrate.files import check_writable, write_keeping_old
+    from ledpi.tools.backup import MAX_BYTES, to_write, unpack
+    from ledpi.tools.calibrate.files import write_keeping_old
 
-    saved, main = unpack(path), find_config(config) or Path("config.yaml")
-    where = targets(saved, main)
-    _check(path, saved)
+    saved, main = unpack(read_bytes(path, ConfigError, MAX_BYTES), path), find_config(config) or Path("config.yaml")
+    changed = to_write(saved, main, path)
     typer.echo(f"{path}: made {saved.made} by ledpi {saved.made_by}")
-    changed = [(to, file) for to, file in where if not to.is_file() or read_bytes(to, ConfigError) != file.content]
-    for to, _ in changed:
-        if not to.parent.is_dir():
-            raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")
-    check_writable(*(to for to, _ in changed))
     for to, file in changed:
         kept = write_keeping_old(to, file.content)
         typer.echo(one_line(f"{file.kind}: {to}" + (f"; the older one is {kept}" if kept is not None else "")))
@@ -101,26 +94,3 @@ def _tell_what_is_left(saved: Backup, main: Path, *, rule_changed: bool) -> None
     if saved.units and is_service(main):
         units = " ".join(saved.units)
         typer.echo(f"Next: sudo systemctl enable {units}; sudo systemctl restart {units}")
-
-
-def _check(path: Path, saved: Backup) -> None:
-    """Raises ConfigError where what is restored would be wrong: tried in a folder of its own."""
-    from ledpi.config.check import mistakes_in
-    from ledpi.config.named_files import named_files, passwords
-    from ledpi.markers.dictionaries import FILE_ENDINGS
-
-    with tempfile.TemporaryDirectory(prefix="ledpi-restore-") as name:
-        tried: dict[tuple[str, str], Path] = {}
-        for number, file in enumerate(saved.files):
-            ending = next(filter(file.path.endswith, FILE_ENDINGS), ".yaml")
-            at = tried[file.kind, file.path] = Path(name) / f"{number}-{file.kind}{ending}"
-            at.write_bytes(file.content)
-        (password := Path(name) / "password").write_text("no password is in a backup")
-        password.chmod(0o600)
-        for config, raw in saved.configurations():
-            overrides = [f"{key}={password}" for key, _ in passwords(raw)]
-            for each in named_files(raw):
-                if (each.kind, each.path) in tried:
-                    overrides.append(f"{each.key}={tried[each.kind, each.path]}")
-            if mistakes := mistakes_in(tried[config.kind, config.path], overrides):
-                raise ConfigError(f"{path}: {'; '.join(mistakes).replace(f'{name}/', '')}")

@@ -34,6 +34,8 @@ _WORDING = {
 M = TypeVar("M", bound=BaseModel)
 _UNKNOWN = ("extra_forbidden", "invalid_key")
 
+SECRET = "token"  # how the last word of a key ends whose value nobody is shown
+
 # Last parts of a location that are no keys: the branch of a number or `auto`, and [key] for a mapping's key.
 _BRANCHES = ("number", "auto", "[key]")
 
@@ -75,7 +77,9 @@ def _explained(problem: ErrorDetails, model: type[BaseModel]) -> str:
         text = f"{key}: must be given (it has no default)"
     else:
         auto, given = " or auto" if branch == "number" else "", problem["input"]
-        text = f"{key}: {_wording(problem)}{auto}, not {'null' if given is None else shortened(given)}"
+        text = f"{key}: {_wording(problem)}{auto}"
+        if not key.endswith(SECRET):
+            text += f", not {'null' if given is None else shortened(given)}"
     return text
 
 

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, StrictBool
 
 from ledpi.config.mistakes import validated
 from ledpi.config.outputs import OutputName, OutputSettings
@@ -133,6 +133,7 @@ class ViewSettings(Section):
     listen: Listen = "127.0.0.1:8088"
     token: Token | None = None
     hosts: tuple[HostName, ...] = ()  # further names that the page is asked for by
+    edit: StrictBool = False  # whoever has the token may change this file
 
     @property
     def address(self) -> tuple[str, int]:

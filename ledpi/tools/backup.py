@@ -12,6 +12,7 @@ import lzma
 import os
 import re
 import struct
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -26,7 +27,9 @@ from ledpi.config.settings import sections
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import MAX_TEXT_BYTES, parse_json, parse_yaml, read_bytes
 from ledpi.core.wording import one_line, shortened_name
+from ledpi.markers.dictionaries import FILE_ENDINGS
 from ledpi.tap.of_config import CAMERAS, OF_ONE_CAMERA
+from ledpi.tools.calibrate.files import check_writable
 from ledpi.tools.own_rule import foreign_line
 
 VERSION = 1  # of the archive's form
@@ -151,9 +154,8 @@ def pack(files: Sequence[Kept], units: Sequence[str]) -> bytes:
     return out.getvalue()
 
 
-def unpack(path: Path) -> Backup:
-    """Reads an archive, whole. Raises ConfigError where it is none, or of a newer version."""
-    data = read_bytes(path, ConfigError, MAX_BYTES)
+def unpack(data: bytes, where: object) -> Backup:
+    """Reads an archive, whole. Raises ConfigError, which begins with `where`, if it is none, or of a newer version."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             head = parse_json(_member(archive, CONTENTS).decode())
@@ -161,14 +163,48 @@ def unpack(path: Path) -> Backup:
             if version != VERSION:
                 by = f"made by ledpi {shortened_name(head.get('ledpi'))}"
                 has = shortened_name(version)
-                raise ConfigError(f"{path}: is a backup of version {has}, {by}; this ledpi reads version {VERSION}")
+                raise ConfigError(f"{where}: is a backup of version {has}, {by}; this ledpi reads version {VERSION}")
             by, made = (one_line(shortened_name(head[key])) for key in ("ledpi", "made"))
             units = [str(unit) for unit in head.get("units", [])][:MOST_FILES]
             if not all(map(_UNIT.fullmatch, units)):
                 raise ValueError
             return Backup(by, made, units, list(_files(archive, head["files"])))
     except _BROKEN:
-        raise ConfigError(f"{path}: is no whole backup; must be a file that `ledpi backup` wrote") from None
+        raise ConfigError(f"{where}: is no whole backup; must be a file that `ledpi backup` wrote") from None
+
+
+def to_write(backup: Backup, file: Path, where: object) -> list[tuple[Path, Kept]]:
+    """Returns what is other than it is here, and where it goes, if the configuration is `file`.
+
+    Raises ConfigError, which begins with `where`, if anything that would be restored is wrong or cannot be written.
+    """
+    found = targets(backup, file)
+    _check(backup, where)
+    changed = [(to, kept) for to, kept in found if not to.is_file() or read_bytes(to, ConfigError) != kept.content]
+    for to, _ in changed:
+        if not to.parent.is_dir():
+            raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")
+    check_writable(*(to for to, _ in changed))
+    return changed
+
+
+def _check(backup: Backup, where: object) -> None:
+    """Raises ConfigError where what is restored would be wrong: tried in a folder of its own."""
+    with tempfile.TemporaryDirectory(prefix="ledpi-restore-") as name:
+        tried: dict[tuple[str, str], Path] = {}
+        for number, file in enumerate(backup.files):
+            ending = next(filter(file.path.endswith, FILE_ENDINGS), ".yaml")
+            at = tried[file.kind, file.path] = Path(name) / f"{number}-{file.kind}{ending}"
+            at.write_bytes(file.content)
+        (password := Path(name) / "password").write_text("no password is in a backup")
+        password.chmod(0o600)
+        for config, raw in backup.configurations():
+            overrides = [f"{key}={password}" for key, _ in passwords(raw)]
+            for each in named_files(raw):
+                if (each.kind, each.path) in tried:
+                    overrides.append(f"{each.key}={tried[each.kind, each.path]}")
+            if mistakes := mistakes_in(tried[config.kind, config.path], overrides):
+                raise ConfigError(f"{where}: {'; '.join(mistakes).replace(f'{name}/', '')}")
 
 
 def targets(backup: Backup, file: Path) -> list[tuple[Path, Kept]]:
