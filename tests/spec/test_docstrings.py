@@ -9,7 +9,7 @@ from tests.builders import ROOT
 # After the line that begins its class or function, or at the module's beginning.
 DOCSTRING = re.compile(r'(?:\A|:\n) *"""(\w+)')
 NEITHER = {"Of", "What", "Where", "Whether", "How"}
-FOLDERS = ("ledpi", "benchmarks", "ros", "tests")
+FOLDERS = ("ledpi", "evaluation", "ros", "tests")
 
 
 def test_they_begin_with_a_noun_or_a_verb() -> None:

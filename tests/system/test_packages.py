@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.speed import counting
+from evaluation.speed import counting
 from ledpi import __version__
 from tests.builders import ROOT
 from tests.builders.marked import PROGRAM, check_counted

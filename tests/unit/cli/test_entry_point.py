@@ -140,7 +140,7 @@ def test_it_says_its_version() -> None:
         ("nonsense", "ledpi: no such command 'nonsense'"),
         ("decode", "ledpi decode: missing argument 'PATH…'"),
         ("panel design --nonsense", "ledpi panel design: no such option: --nonsense"),
-        ("evaluate --suite nonsense", "ledpi evaluate: invalid value for '--suite': 'nonsense' is not one of "),
+        ("evaluate --method nonsense", "ledpi evaluate: invalid value for '--method': 'nonsense' is not one of "),
         ("simulate out --frames many", "ledpi simulate: invalid value for '--frames': "),
         ("monitor a b", "ledpi monitor: got unexpected extra argument"),
         ("run --set", "ledpi: option '--set' requires an argument"),
