@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ledpi.core.packages import Unusable
 
 
 def main() -> None:
@@ -13,9 +18,30 @@ def main() -> None:
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored, as of a shell's `ledpi … &`
         signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # nothing is begun yet that would have to be ended
-    from ledpi import cli
+    try:
+        from ledpi import cli
 
-    cli.main(loaded=_interrupt_from_now_on)
+        cli.main(loaded=_interrupt_from_now_on)
+    except (ImportError, AttributeError) as error:
+        from ledpi.core.packages import unusable
+
+        package = unusable(error)
+        if package is None:
+            raise
+        sys.exit(_end_without(package))
+
+
+def _end_without(package: Unusable) -> int:
+    """Says in one line what is wrong with it; `ledpi doctor`, on its page. Returns the exit status."""
+    if sys.argv[1:2] == ["doctor"]:
+        from ledpi.tools.doctor.machine import without
+        from ledpi.tools.doctor.page import show
+
+        return show(without(package), as_json="--json" in sys.argv)
+    from ledpi.core.wording import one_line
+
+    print(f"ledpi: {one_line(f'{package.said}; {package.remedy}')}", file=sys.stderr)
+    return 2
 
 
 def _interrupt_from_now_on() -> None:

@@ -52,6 +52,11 @@ START_S = 20.0  # that it may take to start, on a slow machine
 # The sender reckons with a line of 115200 baud, so that on a pty a packet may come up to a FIFO's time before its first
 # byte is due. It may come late by a frame's period less this, and is still known to be of its picture.
 EARLY_NS = 2_000_000
+SILENT_S = 5.0  # so long nothing but poses that were too old to be sent
+STILL_TOO_SLOW = (
+    f"for {SILENT_S:.0f} s every pose was older than serial.max_age_ms when it was ready, and not sent: this computer "
+    "is busy, or too slow to draw the simulated camera's pictures; the demo goes on"
+)
 TOO_SLOW = (
     "no pose arrived: this computer is busy, or too slow to draw the simulated camera's pictures; each pose was "
     "older than serial.max_age_ms when it was ready, and not sent; the daemon's log counts them as `stale`"
@@ -104,6 +109,28 @@ class Tally:
             f"{self.frames} frames, {right + self.wrong} markers, {right} right IDs, {self.wrong} wrong IDs, "
             f"median position error {error}, {packets}"
         )
+
+
+@dataclass(slots=True)
+class Pace:
+    """Notices where no pose comes: what is dropped though the line is free was too old."""
+
+    since_s: float | None = None  # of the newest pose, or of the first status
+    dropped_before: int = 0
+    dropped: int = 0
+    told: bool = False
+
+    def is_too_slow(self, message: dict[str, Any], now_s: float) -> bool:
+        """Takes each message of the monitor; true once in each time without a pose that was new enough."""
+        if message["message"] == "marker":
+            self.since_s, self.dropped_before, self.told = now_s, self.dropped, False
+        elif message["message"] == "status":
+            self.dropped = message["packets_dropped"] or 0
+            self.since_s = now_s if self.since_s is None else self.since_s
+            if not self.told and now_s - self.since_s >= SILENT_S and self.dropped > self.dropped_before:
+                self.told = True
+                return True
+        return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,12 +203,15 @@ def watch(
     """Reads what the monitor prints until the daemon, ended `seconds` after its first pose, has had its last word."""
     assert monitor.stdout is not None
     truth, tally = Truth(load_config(ROOT / CONFIG, (SOURCE,))), Tally()
+    pace = Pace()
     threading.Thread(target=_hang_up, args=(monitor, run, START_S + seconds + STOP_S), daemon=True).start()
     begin_s, end_s = math.inf, time.monotonic() + START_S
     shown_s: dict[int, float] = {}
     for printed in monitor.stdout:
         now_s = time.monotonic()
         message = json.loads(printed)
+        if pace.is_too_slow(message, now_s):
+            print(STILL_TOO_SLOW, flush=True)
         if message["message"] == "status":
             tally.frames = message["frames"] or tally.frames
         elif message["message"] == "marker" and message["position_m"] and not message["alternate"]:

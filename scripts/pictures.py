@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import shutil
 import subprocess
@@ -26,7 +27,7 @@ BY_COMMANDS = {
     "decoys.jpg": (
         "docs/evaluating.md",
         [
-            "ledpi evaluate --out look --suite decoys --case near_words --exposure-us 10000 --take 20",
+            "python -m evaluation.suites --out look --suite decoys --case near_words --exposure-us 10000 --take 20",
             "ledpi snapshot look --out docs/pictures/decoys.jpg",
         ],
     ),
@@ -80,7 +81,9 @@ def run_commands(name: str, into: Path) -> None:
         (work / "docs/pictures").symlink_to(into.resolve())
         for command in BY_COMMANDS[name][1]:
             print(command, flush=True)
-            subprocess.run([sys.executable, "-m", *shlex.split(command)], cwd=work, check=True)
+            words = shlex.split(command.removeprefix("python -m "))
+            environment = os.environ | {"PYTHONPATH": str(ROOT)}  # where evaluation/ is
+            subprocess.run([sys.executable, "-m", *words], cwd=work, env=environment, check=True)
         if (work / name).exists():  # the command chose the place
             shutil.copy(work / name, into)
 

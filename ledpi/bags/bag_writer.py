@@ -43,6 +43,7 @@ class BagWriter:
         if is_file(dictionary):  # a bag, too, holds all that it takes to read it
             self._words = {Path(dictionary).name: Path(dictionary).read_text(encoding="utf-8")}
             dictionary = Path(dictionary).name
+        self._side_m = panel.side_m
         self._header, self._note, self._header_text = header_of(camera, dictionary, panel), note, header
         self._offset_ns: int | None = None  # to Unix time; None: nothing is written yet
 
@@ -86,7 +87,7 @@ class BagWriter:
         shown = Shown(decoded.seq, frame, decoded, done_ns=log_ns - offset_ns + here, rows=self._camera.height)
         values = decoded_line(shown)
         self._add_text(DECODED, json.dumps(values), stamp_ns, log_ns)
-        for message in frame_messages(values, NAMES, offset_ns - here):
+        for message in frame_messages(values, NAMES, offset_ns - here, lambda _: self._side_m):
             self._mcap.add(message, log_ns)
 
     def write_truth(self, frame: Frame, truth_line: str) -> None:

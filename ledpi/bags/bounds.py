@@ -1,7 +1,8 @@
-"""A bound of the memory that a foreign file may take: what unpacks it is others' code."""
+"""Bounds of what a foreign file may do: what unpacks it is others' code, with memory and words of its own."""
 
 from __future__ import annotations
 
+import os
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,3 +28,16 @@ def memory_bounded(path: Path) -> Iterator[None]:
         raise RecordingError(f"{path}: would take more than {most} of memory to read; must be smaller") from None
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+@contextmanager
+def libraries_silent() -> Iterator[None]:
+    """Lets nothing through of what OpenCV, libpng or libjpeg print of a damaged file: ledpi says it, in one line."""
+    errors, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 2)
+        yield
+    finally:
+        os.dup2(errors, 2)
+        os.close(errors)
+        os.close(nothing)

@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from ledpi.bags.bounds import libraries_silent
 from ledpi.config.camera_yaml import lens_of_form
 from ledpi.config.lens_forms import lens_form
-from ledpi.config.values import Finite, SidePx
+from ledpi.config.values import MAX_SIDE_PX, Finite, SidePx
 from ledpi.core.errors import CalibrationError, RecordingError
 from ledpi.core.records import Intrinsics, Pixels
 from ledpi.core.wording import shortened_name
@@ -150,12 +151,15 @@ def luma_of_image(image: Image, where: str) -> Pixels:
 def luma_of_compressed(image: Compressed, where: str) -> Pixels:
     """Its luma, as the sensor gave it: marks that turn a picture are passed over. Raises RecordingError."""
     try:
-        picture = cv2.imdecode(image.data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        with libraries_silent():
+            picture = cv2.imdecode(image.data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         picture = None
     if picture is None:
         what = shortened_name(image.format)
         raise RecordingError(f"{where}: holds a picture that cannot be decoded (format {what!r})")
+    if max(picture.shape) > MAX_SIDE_PX:
+        raise RecordingError(f"{where}: holds a picture of more than {MAX_SIDE_PX} pixels a side; must be smaller")
     return np.asarray(picture, np.uint8)
 
 

@@ -1,4 +1,4 @@
-"""`kind: udp`: a datagram for each frame. Nobody answers, so nothing ever waits."""
+"""`kind: udp`: a datagram for each frame, or for each MAVLink packet. Nobody answers, so nothing ever waits."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class UdpTarget(BytesTarget):
     def _write(self, data: bytes) -> bool:
         assert self._socket is not None
         try:
-            return not data or self._socket.sendto(data, self._address) == len(data)
+            return self._socket.sendto(data, self._address) == len(data)
         except BlockingIOError:  # no room: the next one may pass
             return False
         except OSError as error:  # no route, too long: likewise, but a person may want to know

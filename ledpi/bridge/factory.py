@@ -8,6 +8,7 @@ from importlib import import_module
 from ledpi.bridge.target import BridgeError, Target
 from ledpi.config.outputs import Kind, OutputSettings
 from ledpi.core.wording import install_command
+from ledpi.wire.mavlink import load_dialect
 
 # By kind: the module and class, and the extra of pyproject.toml that brings what it imports.
 TARGETS: dict[Kind, tuple[str, str, str | None]] = {
@@ -20,9 +21,12 @@ TARGETS: dict[Kind, tuple[str, str, str | None]] = {
 }
 
 
-def target_class(name: str, kind: Kind) -> Callable[[OutputSettings], Target]:
-    """Returns what makes a target of this kind. Raises BridgeError where its packages are missing."""
+def target_class(name: str, settings: OutputSettings) -> Callable[[OutputSettings], Target]:
+    """Returns what makes a target of these settings. Raises BridgeError, ConfigError where its packages are missing."""
+    kind = settings.kind
     module, target, extra = TARGETS[kind]
+    if settings.format == "mavlink":
+        load_dialect(f"outputs.{name}.format")
     try:
         made: Callable[[OutputSettings], Target] = getattr(import_module(f"ledpi.bridge.{module}"), target)
     except ImportError as error:
@@ -32,5 +36,5 @@ def target_class(name: str, kind: Kind) -> Callable[[OutputSettings], Target]:
 
 
 def open_target(name: str, settings: OutputSettings) -> Target:
-    """The target, not yet connected. Raises BridgeError where its packages are missing, or its files cannot be read."""
-    return target_class(name, settings.kind)(settings)
+    """The target, not yet connected. Raises LedpiError where its packages are missing, or its files cannot be read."""
+    return target_class(name, settings)(settings)

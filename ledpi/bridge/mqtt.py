@@ -14,17 +14,18 @@ import socket
 import ssl
 import time
 import uuid
+from collections import deque
 from contextlib import suppress
 from typing import Any
 
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
-from ledpi.bridge.password import read_password
 from ledpi.bridge.payload import JsonPayload, with_age, with_host
 from ledpi.bridge.sockets import keep_nothing_old, lost
 from ledpi.bridge.target import CONNECT_S, UNANSWERED_MS, BridgeError, Line, TargetLostError
-from ledpi.bridge.tls import refused, tls_context
+from ledpi.bridge.tls import refused
+from ledpi.config.output_files import read_password, tls_context
 from ledpi.config.outputs import OutputSettings
 from ledpi.core.wording import shortened_name
 from ledpi.runtime.reporting import event
@@ -84,8 +85,9 @@ class MqttTarget:
         self._client_id = settings.client_id or f"ledpi-bridge-{socket.gethostname()}-{uuid.uuid4().hex[:8]}"
         self._may_subscribe = True
         self._has_told_of_other = False
+        self._setups: deque[bytes] = deque(maxlen=8)  # that we have told: the broker tells them to us, too
         self._payload = JsonPayload()
-        self._password = None if settings.password_file is None else read_password(settings.password_file)
+        self._password = None if settings.password_file is None else read_password(settings.password_file, BridgeError)
         self._client: paho.Client | None = None
         self._refused: int | None = None  # what the broker said to us
         self._waiting_s: dict[int, float] = {}  # messages without an acknowledgement, by number: sent when
@@ -110,12 +112,13 @@ class MqttTarget:
         self._listen(client)
 
     def tell_setup(self, hello: Line) -> None:
-        self._publish("setup", write_line(with_host(hello)).rstrip(), keep=True)
+        self._setups.append(write_line(with_host(hello)).rstrip())
+        self._publish("setup", self._setups[-1], keep=True)
 
     def send(self, frame: Line, now_ns: int) -> bool:
         if not self._has_room():
             return False
-        self._publish("frame", self._payload.frame(frame, now_ns).rstrip())
+        self._publish("frame", self._payload.frame(frame, now_ns)[0].rstrip())
         if frame["robot"] is not None:
             self._publish("robot", write_line(with_age(frame["robot"], now_ns)).rstrip())
         return True
@@ -150,7 +153,7 @@ class MqttTarget:
         if self._settings.user is not None:
             client.username_pw_set(self._settings.user, self._password)
         if self._settings.tls:
-            client.tls_set_context(tls_context(self._settings.ca_file))
+            client.tls_set_context(tls_context(self._settings.ca_file, BridgeError))
         client.on_connect = self._hear_welcome
         client.on_publish = self._hear_acknowledgement
         client.on_subscribe = self._hear_subscribed
@@ -179,16 +182,17 @@ class MqttTarget:
         self._may_subscribe = True
 
     def _hear_setup(self, client: paho.Client, data: object, message: paho.MQTTMessage) -> None:
+        """Warns, once, of another robot: one of another name, or one that tells its setup while we tell ours."""
         own = socket.gethostname()
         try:
             other = json.loads(message.payload).get("host", own)
         except (ValueError, RecursionError, AttributeError):  # whatever anybody writes there
             return
-        if other != own and not self._has_told_of_other:
+        is_ours = other == own and (message.retain or message.payload in self._setups)
+        if not is_ours and not self._has_told_of_other:
             self._has_told_of_other = True
-            said = (
-                f"{self._where}: has a setup of {shortened_name(other)} there, this is {own}; give each its own topic"
-            )
+            name = shortened_name(other) if other != own else f"another bridge, of a machine that is named {own} too,"
+            said = f"{self._where}: has a setup of {name} there, this is {own}; give each its own topic"
             _log.warning(event("shared_topic", topic=self._topic, error=said))
 
     def _await_welcome(self, client: paho.Client) -> None:

@@ -15,6 +15,7 @@ from ledpi.bridge import photon
 from ledpi.bridge.target import Line, TargetLostError
 from ledpi.bridge.wpilib_values import SCHEMAS, frame_values
 from ledpi.config.outputs import OutputSettings
+from ledpi.core.records import Floats
 
 OPEN_S = 0.25  # that one look for the server takes; ntcore itself goes on looking
 IDENTITY = "ledpi"
@@ -29,6 +30,7 @@ class NtTarget:
         self._table = f"/{settings.base_topic}"
         self._photon_camera = settings.photon_camera
         self._size = (640, 480)  # of the picture
+        self._mount: Floats | None = None
         self._instance: Any = None
         self._publishers: dict[str, Any] = {}
 
@@ -47,6 +49,7 @@ class NtTarget:
 
     def tell_setup(self, hello: Line) -> None:
         self._size = hello["camera"]["width"], hello["camera"]["height"]
+        self._mount = photon.mount_of(hello)
 
     def send(self, frame: Line, now_ns: int) -> bool:
         self._check()
@@ -86,7 +89,7 @@ class NtTarget:
         captured_us = _nt_time(int(frame["exposed_ns"]), now_ns) + offset_us
         table = f"/photonvision/{self._photon_camera}"
         raw = self._publisher(f"{table}/rawBytes", _publish_photon, "Raw")
-        raw.set(photon.packet(frame, self._size, captured_us, published_us + offset_us), published_us)
+        raw.set(photon.packet(frame, self._size, captured_us, published_us + offset_us, self._mount), published_us)
         beat = self._publisher(f"{table}/heartbeat", _publish, "Integer")
         beat.set(frame["seq"], published_us)
 

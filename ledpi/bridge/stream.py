@@ -54,7 +54,7 @@ class TcpTarget(BytesTarget):
                 self._rest = self._rest[self._socket.send(self._rest) :]
             if self._rest or unsent_bytes(self._socket) > UNSENT_BYTES:
                 return False
-            self._rest = data[self._socket.send(data) :] if data else b""
+            self._rest = data[self._socket.send(data) :]
         except BlockingIOError:
             return False
         except OSError as error:

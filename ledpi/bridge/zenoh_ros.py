@@ -17,10 +17,10 @@ import zenoh
 
 from ledpi.bridge.target import Line, TargetLostError
 from ledpi.config.outputs import OutputSettings
-from ledpi.ros.contents import Message, Names, frame_messages, health_message
+from ledpi.ros.contents import Message, Names
+from ledpi.ros.stream import RosStream
 from ledpi.ros.types import to_cdr, type_hash
 
-NODE = "ledpi"
 OPEN_S = 0.25  # that one look for the router takes
 GOODBYE_S = 2.0  # within which a router that listens has taken what is on its way
 QOS = "::,10:,:,:,,"  # rmw's default but for the depth: what is default is left empty
@@ -41,7 +41,19 @@ class ZenohTarget:
         self._where = f"{host}:{port}"
         self._endpoint = f"tcp/{f'[{host}]' if ':' in host else host}:{port}"
         self._domain = settings.domain
-        self._names = Names(topic=f"/{settings.base_topic}", camera_frame=settings.camera_frame)
+        namespace, _, node = settings.base_topic.rpartition("/")  # so robots with topics of their own are nodes, too
+        self._node = f"%/{mangled(f'/{namespace}')}/{node}"  # behind its enclave
+        self._stream = RosStream(
+            Names(
+                topic=f"/{settings.base_topic}",
+                source=settings.base_topic,
+                camera_frame=settings.camera_frame,
+                map_frame=settings.map_frame,
+                frame_prefix=settings.frame_prefix,
+                publish_tf=settings.publish_tf,
+                dock_id=settings.dock_id,
+            )
+        )
         self._session: Any = None
         self._publishers: dict[str, _Publisher] = {}
         self._tokens: list[Any] = []
@@ -50,8 +62,8 @@ class ZenohTarget:
         """Zenoh itself goes on looking while it has not found the router."""
         if self._session is None:
             self._session = zenoh.open(self._config())
-            node = f"{self._token_begin(0)}/NN/%/%/{NODE}"
-            self._tokens = [self._session.liveliness().declare_token(node)]
+            token = f"{self._token_begin(0)}/NN/{self._node}"
+            self._tokens = [self._session.liveliness().declare_token(token)]
         until_s = time.monotonic() + OPEN_S
         while not self._has_router():
             if time.monotonic() > until_s:
@@ -59,17 +71,18 @@ class ZenohTarget:
             time.sleep(0.02)
 
     def tell_setup(self, hello: Line) -> None:
-        """Nothing: each message stands for itself."""
+        """The panels' sides; nothing is sent."""
+        self._stream.begin(hello)
 
     def send(self, frame: Line, now_ns: int) -> bool:
         self.tick()
-        for message in frame_messages(frame, self._names, time.time_ns() - time.monotonic_ns()):
+        for message in self._stream.frame(frame, time.time_ns() - time.monotonic_ns()):
             self._put(message)
         return True
 
     def tell_state(self, state: str, health: Line | None) -> None:
         self.tick()
-        self._put(health_message(state, health, self._names, time.time_ns()))
+        self._put(self._stream.health(state, health, time.time_ns()))
 
     def tick(self) -> None:
         if not self._has_router():
@@ -120,8 +133,8 @@ class ZenohTarget:
     def _declare(self, message: Message) -> _Publisher:
         entity = len(self._publishers) + 1
         kind, its_hash = dds_type(message.type), type_hash(message.type)
-        topic = message.topic.replace("/", "%")
-        token = f"{self._token_begin(entity)}/MP/%/%/{NODE}/{topic}/{kind}/{its_hash}/{QOS}"
+        topic = mangled(message.topic)
+        token = f"{self._token_begin(entity)}/MP/{self._node}/{topic}/{kind}/{its_hash}/{QOS}"
         self._tokens.append(self._session.liveliness().declare_token(token))
         return _Publisher(self._session, f"{self._domain}{message.topic}/{kind}/{its_hash}", entity)
 
@@ -153,6 +166,11 @@ def _part(session: Any, declared: list[Any]) -> None:
             each.undeclare()
     with suppress(zenoh.ZError):
         session.close()
+
+
+def mangled(name: str) -> str:
+    """A name of ROS 2 as one part of a key of Zenoh's."""
+    return name.replace("/", "%")
 
 
 def dds_type(name: str) -> str:

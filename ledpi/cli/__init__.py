@@ -56,7 +56,7 @@ def _ledpi(
     """Answers what can be asked without a command."""
 
 
-def main(loaded: Callable[[], None] = lambda: None) -> None:
+def main(loaded: Callable[[], None] = lambda: None, command: typer.Typer = app, name: str = "ledpi") -> None:
     """Runs a command. What a user can put right is one line on standard error and exit status 2, or 1 where trying
     again may help. So is what the operating system refuses and no command has foreseen. After Ctrl-C it is 130.
 
@@ -70,7 +70,7 @@ def main(loaded: Callable[[], None] = lambda: None) -> None:
         _add_commands()
         loaded()
         try:
-            status = app(prog_name="ledpi", standalone_mode=False)  # by itself it says in four lines what is wrong
+            status = command(prog_name=name, standalone_mode=False)  # by itself it says in four lines what is wrong
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, as Python itself could only print a traceback at the end

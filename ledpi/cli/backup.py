@@ -1,19 +1,19 @@
-"""`ledpi backup` and `ledpi restore`: configuration, lens, map and udev rule, in one file."""
+"""`ledpi backup` and `ledpi restore`: configurations, and the files that they name, in one file."""
 
 from __future__ import annotations
 
-import tempfile
+import os
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from ledpi.cli import app
-from ledpi.core.errors import ConfigError
 from ledpi.core.wording import one_line
 
 if TYPE_CHECKING:
-    from ledpi.tools.backup import Kept
+    from ledpi.tools.backup import Backup
 
 
 @app.command()
@@ -21,25 +21,28 @@ def backup(
     out: Path = typer.Argument(metavar="FILE", help="File to write. An older one is kept as FILE.bak-1."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
 ) -> None:
-    """Configuration, lens, map, dictionary and udev rule → one file.
+    """Configuration, lens, map and udev rule → one file.
 
-    The calibration of single panels is part of the configuration. `ledpi restore` puts everything back, on this
-    computer or another. Only its owner can read the file, since the configuration may hold the page's token.
+    Also a dictionary of your own and the outputs' certificates, and of the service's configuration those of other
+    cameras, and which units are enabled. What is left out is said, as passwords are. `ledpi restore` puts everything
+    back, on this computer or another. Only its owner can read the file, since it may hold the page's token.
 
     Example: ledpi backup robot.ledpi
     """
     from ledpi.config.settings import found_config
-    from ledpi.tools.backup import collect, pack, rules_left_out
+    from ledpi.tools.backup import collect, enabled_units, is_service, left_out, pack
     from ledpi.tools.calibrate.files import write_keeping_old
 
-    files = collect(found_config(config))
-    kept = write_keeping_old(out, pack(files), mode=0o600)
+    source = found_config(config)
+    files = collect(source)
+    units = enabled_units() if is_service(source) else []
+    kept = write_keeping_old(out, pack(files, units), mode=0o600)
     for file in files:
-        typer.echo(f"{file.kind}: {file.path or found_config(config)}")
-    for rule in rules_left_out(files):
-        typer.echo(
-            f"{rule}: is not in the backup, as it is not ledpi's own udev rule with your values; keep it yourself"
-        )
+        typer.echo(f"{file.kind}: {file.path or source}")
+    if units:
+        typer.echo(f"enabled units: {', '.join(units)}")
+    for line in left_out(source, files):
+        typer.echo(line)
     typer.echo(f"{out}: written" + (f"; the older one is {kept}" if kept is not None else ""))
 
 
@@ -52,49 +55,42 @@ def restore(
 ) -> None:
     """Put back what `ledpi backup` saved.
 
-    Lens, map and dictionary go where the configuration inside names them: in its folder, below it or in /var/lib/ledpi.
-    A udev rule must be ledpi's own, with your values filled in. Everything is checked before anything is written,
-    and each older file is kept as NAME.bak-1.
+    Files go where the configuration inside names them: in its folder, below it or in /var/lib/ledpi. A udev rule must
+    be ledpi's own, with your values filled in. Everything is checked before anything is written, and each older file
+    is kept as NAME.bak-1. Then it says which passwords are missing, and which units to enable.
 
     Example: ledpi restore robot.ledpi --config /etc/ledpi/config.yaml
     """
     from ledpi.config.settings import find_config
+    from ledpi.core.errors import ConfigError
     from ledpi.core.files import read_bytes
-    from ledpi.tools.backup import targets, unpack
-    from ledpi.tools.calibrate.files import check_writable, write_keeping_old
+    from ledpi.tools.backup import MAX_BYTES, to_write, unpack
+    from ledpi.tools.calibrate.files import write_keeping_old
 
-    saved = unpack(path)
-    _check(path, saved.files)
-    where = targets(saved, find_config(config) or Path("config.yaml"))
+    saved, main = unpack(read_bytes(path, ConfigError, MAX_BYTES), path), find_config(config) or Path("config.yaml")
+    changed = to_write(saved, main, path)
     typer.echo(f"{path}: made {saved.made} by ledpi {saved.made_by}")
-    changed = [(to, file) for to, file in where if not to.is_file() or read_bytes(to, ConfigError) != file.content]
-    for to, _ in changed:
-        if not to.parent.is_dir():
-            raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")
-    check_writable(*(to for to, _ in changed))
     for to, file in changed:
         kept = write_keeping_old(to, file.content)
         typer.echo(one_line(f"{file.kind}: {to}" + (f"; the older one is {kept}" if kept is not None else "")))
     if not changed:
         typer.echo("Everything is there already.")
-    elif any(file.kind == "udev rule" for _, file in changed):
+    _tell_what_is_left(saved, main, rule_changed=any(file.kind == "udev rule" for _, file in changed))
+
+
+def _tell_what_is_left(saved: Backup, main: Path, *, rule_changed: bool) -> None:
+    """Says what a person must do: no password is in a backup, and no unit is enabled by it."""
+    from ledpi.config.named_files import meant, passwords
+    from ledpi.tools.backup import is_service
+
+    for _, raw in saved.configurations():
+        for key, path in passwords(raw):
+            file = meant(main, path)
+            if not os.path.exists(file):
+                command = f"sudo install -m 640 -g ledpi /dev/stdin {shlex.quote(str(file))}"
+                typer.echo(one_line(f"Missing: {file}, the password of {key}: {command}"))
+    if rule_changed:
         typer.echo("Next: sudo udevadm control --reload; sudo udevadm trigger --subsystem-match=tty")
-
-
-def _check(path: Path, files: list[Kept]) -> None:
-    """Raises ConfigError where what is restored would be wrong: tried in a folder of its own."""
-    from ledpi.config.check import mistakes_in
-    from ledpi.markers.dictionaries import FILE_ENDINGS
-    from ledpi.tools.backup import CONFIG, KEYS, RULE
-
-    with tempfile.TemporaryDirectory(prefix="ledpi-restore-") as name:
-        overrides = []
-        for number, file in enumerate(files):
-            tried = Path(name) / f"{number}-{file.kind}{next(filter(file.path.endswith, FILE_ENDINGS), '.yaml')}"
-            tried.write_bytes(file.content)
-            if file.kind == CONFIG:
-                config = tried
-            elif file.kind != RULE:
-                overrides.append(f"{KEYS[file.kind]}={tried}")
-        if mistakes := mistakes_in(config, overrides):
-            raise ConfigError(f"{path}: {'; '.join(mistakes).replace(f'{name}/', '')}")
+    if saved.units and is_service(main):
+        units = " ".join(saved.units)
+        typer.echo(f"Next: sudo systemctl enable {units}; sudo systemctl restart {units}")

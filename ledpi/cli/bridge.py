@@ -16,7 +16,7 @@ def bridge(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Send poses to MQTT, NetworkTables, ROS 2, UDP, TCP or a pipe.
+    """Send poses to MQTT, NetworkTables, ROS 2, MAVLink, UDP or TCP.
 
     It reads the running daemon's tap, and never slows the daemon down. Daemon and target may come and go at any time.
     A frame that cannot be sent at once is dropped and counted. Ends with Ctrl-C or SIGTERM.

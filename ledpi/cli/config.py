@@ -99,8 +99,8 @@ def check(
 ) -> None:
     """List all mistakes of a configuration at once.
 
-    Wrong keys and values, and mistakes in the lens and the map that the file names. Exit status 2 if there are any.
-    `ledpi doctor` also looks at the machine and the camera.
+    Wrong keys and values, and mistakes in the files that it names: lens, map, those of outputs. Exit status 2 if there
+    are any. `ledpi doctor` also looks at the machine and the camera.
 
     Example: ledpi config check --config /etc/ledpi/config.yaml
     """
@@ -126,24 +126,36 @@ def set_values(
 
     Example: ledpi config set panels.side_m=0.158 panels.ids=[7,23]
     """
-    from ledpi.config.check import mistakes_in
     from ledpi.config.settings import found_config
-    from ledpi.tools.calibrate.config_file import change_config, check_changeable
+    from ledpi.core.mounts import lost_at_reboot
+    from ledpi.tools.editing import set_keys
 
     file = found_config(config)
-    check_changeable(file)
-    changes = _changes(items)
-
-    def check() -> None:
-        if mistakes := mistakes_in(file, items, with_files=False):
-            raise ConfigError("; ".join(mistakes))
-
-    kept = change_config(file, changes, check)
-    for key, value in changes.items():
+    kept = set_keys(file, items)
+    for key, value in _changes(items).items():
         typer.echo(f"{file}: {'.'.join(map(str, key))}: {_text(value)}")
     typer.echo(f"The older file is {kept}.")
+    if lost := lost_at_reboot(file):
+        typer.echo(lost)
     if file.absolute() == SERVICE_FILE:
         typer.echo("Next: sudo systemctl reload ledpi")
+
+
+@config_app.command()
+def serve(config: Path = typer.Option(SERVICE_FILE, "--config", help="The file that may be changed.")) -> None:
+    """Change config.yaml for the live page, whose service may not.
+
+    systemd starts this, by ledpi-edit.socket. It answers only if `view.edit` is true in the file, and ends when nobody
+    has asked for half a minute.
+
+    Example: ledpi config serve --config /etc/ledpi/config.yaml
+    """
+    from ledpi.runtime.reporting import log_to_standard_error
+    from ledpi.tools.edit_helper import passed_socket, serve
+
+    log_to_standard_error()
+    with passed_socket() as listener:
+        serve(config, listener)
 
 
 def _changes(items: list[str]) -> dict[Key, Any]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from ledpi.tools.doctor.finding import Finding
-
-MARKS = {"ok": "✓", "bad": "✗", "unknown": "·"}
 
 
 @app.command()
@@ -34,17 +30,9 @@ def doctor(
 
     Example: ledpi doctor --config /etc/ledpi/config.yaml
     """
-    findings = []
-    for finding in _findings(config, set_):
-        findings.append(finding)
-        if not as_json:
-            typer.echo(line(finding))
-    would_run = not any(finding.stops_daemon for finding in findings)
-    if as_json:
-        typer.echo(json.dumps({"would_run": would_run, "findings": [asdict(finding) for finding in findings]}))
-    else:
-        typer.echo(verdict(findings))
-    raise typer.Exit(0 if would_run else 1)
+    from ledpi.tools.doctor.page import show
+
+    raise typer.Exit(show(_findings(config, set_), as_json=as_json))
 
 
 def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
@@ -68,19 +56,3 @@ def _remedy(file: Path | None) -> str:
     if file is None:
         return "ledpi config init --set panels.side_m=0.16   (the lit grid's outer edge, in metres)"
     return f"correct it; `ledpi config check --config {file}` lists all mistakes"
-
-
-def verdict(findings: list[Finding]) -> str:
-    """The page's last line: whether the daemon would run, and what it would not do well."""
-    wrong = [finding for finding in findings if finding.state == "bad"]
-    stoppers = [finding.name for finding in wrong if finding.stops_daemon]
-    others = [finding.name for finding in wrong if not finding.stops_daemon]
-    if stoppers:
-        return f"`ledpi run` would not run: {', '.join(stoppers)}"
-    return "`ledpi run` would run" + (f", but see to its ✗: {', '.join(others)}" if others else "")
-
-
-def line(finding: Finding) -> str:
-    """As in `✗ serial port        /dev/ledpi-controller: …`, and a second line with the remedy."""
-    said = f"{MARKS[finding.state]} {finding.name:<18} {finding.said}"
-    return f"{said}\n  {'':<18} → {finding.remedy}" if finding.remedy else said

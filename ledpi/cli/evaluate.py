@@ -1,37 +1,30 @@
-"""`ledpi evaluate`: recognition rates of simulated panels, of prints, of decoys, or of a real panel's recording."""
+"""`ledpi evaluate`: how often a real panel is read, from places that are given."""
 
 from __future__ import annotations
 
-import os
+import shlex
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
 from ledpi.cli import app
-from ledpi.cli.evaluate_recording import read_recording
-from ledpi.cli.evaluate_results import show
 from ledpi.cli.progress import progress
-from ledpi.cli.simulate import TransferName
+from ledpi.config.renamed import METHODS, current_name
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
 
 if TYPE_CHECKING:
-    from ledpi.tools.evaluate.conditions import Suite
-    from ledpi.tools.evaluate.plan import Plan
-    from ledpi.tools.evaluate.reading import Method
+    from ledpi.config.panels import PanelSettings
+    from ledpi.config.settings import Config
+    from ledpi.tools.evaluate.folder import ResultsFolder
+    from ledpi.tools.evaluate.reading import PanelMethod
+    from ledpi.tools.evaluate.table import TableRow
 
-_SIDE = "panels.side_m=0.16"
-
-
-class SuiteName(StrEnum):
-    """The values of --suite."""
-
-    PAPER = "paper"
-    BEYOND = "beyond"
-    ROBUSTNESS = "robustness"
-    DECOYS = "decoys"
-    WILD = "wild"
+Name = TypeVar("Name", bound=StrEnum)
+SIDE = "panels.side_m=0.16"
+SIMULATED = "simulated panels are measured by `python -m evaluation.suites`, in a clone of ledpi's source"
 
 
 class MethodName(StrEnum):
@@ -40,114 +33,67 @@ class MethodName(StrEnum):
     UEMURA = "uemura"
     LIKELIHOOD = "likelihood"
     STREAM = "stream"
-    ARUCO = "aruco"
-    APRILTAG = "apriltag"
-    LEDPI = "ledpi"
-    ORACLE = "oracle"
 
 
-_METHODS = f"[{'|'.join(MethodName)}]"
+def method_option(names: type[Name], renamed: dict[str, str], default: str) -> Any:
+    """The option --method, which also takes the names that methods had before."""
+
+    def parse(name: str) -> Name:
+        try:
+            return names(current_name(name, renamed, "--method"))
+        except ValueError:
+            known = ", ".join(f"'{known}'" for known in names)
+            raise typer.BadParameter(f"'{name}' is not one of {known}.") from None
+
+    metavar = f"[{'|'.join(names)}]"
+    return typer.Option([], "--method", parser=parse, metavar=metavar, help=f"May be repeated. Default: {default}.")
 
 
-def _method(name: str) -> MethodName:
-    """The method of this name, or of one that it had before."""
-    from ledpi.config.renamed import EVALUATED, current_name
-
-    try:
-        return MethodName(current_name(name, EVALUATED, "--method"))
-    except ValueError:
-        known = ", ".join(f"'{known}'" for known in MethodName)
-        raise typer.BadParameter(f"'{name}' is not one of {known}.") from None
+_METHOD = method_option(MethodName, METHODS, "all")
 
 
 @app.command()
 def evaluate(
     out: Path = typer.Option(
-        Path("evaluation"), "--out", metavar="DIR", help="Folder for the results. An interrupted run there resumes."
+        Path("evaluation"), "--out", metavar="DIR", help="Folder for the results. Each run adds its place to them."
     ),
-    suite: list[SuiteName] = typer.Option([], help="May be repeated. Default: paper and beyond."),
-    frames: int | None = typer.Option(
-        None, min=1, help="Takes for each condition (decoys: frames). Default: 300; wild: 400."
+    recording: Path | None = typer.Option(None, metavar="DIR", help="Frames of a real panel."),
+    id_: int | None = typer.Option(None, "--id", min=0, help="The panel's ID."),
+    distance: list[float] = typer.Option([], min=0.05, max=1000, help="In metres, from camera to panel."),
+    angle: list[float] = typer.Option(
+        [], min=-88, max=88, help="In degrees, between the panel's normal and the line of sight. Default: 0."
     ),
-    seed: int = typer.Option(1, min=0, help="Seed of all that is random: the same seed gives the same results."),
-    exposure_us: list[float] = typer.Option(
-        [], min=1, help="May be repeated. Default: 10000 and 150; robustness: 10000."
-    ),
-    transfer: list[TransferName] = typer.Option([TransferName.SRGB], help="May be repeated."),
-    distance: list[float] = typer.Option(
-        [], min=0.05, max=1000, help="Distances in metres, instead of the suite's own."
-    ),
-    angle: list[float] = typer.Option([], min=-88, max=88, help="Angles in degrees, instead of the suite's own."),
-    case: list[str] = typer.Option([], help="Only this case of robustness, decoys or wild; may be repeated."),
-    roll: bool = typer.Option(False, "--roll", help="Roll panels by any angle. Default: within 3°."),
-    method: list[MethodName] = typer.Option(
-        [],
-        parser=_method,
-        metavar=_METHODS,
-        help="May be repeated. Default: all that the suite is for.",
-    ),
-    workers: int = typer.Option(0, min=0, help="Processes. Default: one for each core. Only the times depend on it."),
-    scheduler: str | None = typer.Option(None, metavar="ADDRESS", help="Run on this dask.distributed cluster."),
-    take: int | None = typer.Option(None, min=0, help="Write this take of one condition to DIR, as a recording."),
-    keep: Path | None = typer.Option(None, metavar="DIR", help="Write all takes of wild to DIR, as recordings."),
-    recording: Path | None = typer.Option(None, metavar="DIR", help="Read these frames of a real panel instead."),
-    id_: int | None = typer.Option(None, "--id", min=0, help="With --recording: the panel's ID."),
+    method: list[MethodName] = _METHOD,
     config: Path | None = typer.Option(
         None, "--config", help="Take the panels from this file. Default: the paper's, 16 cm."
     ),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    suite: list[str] = typer.Option([], hidden=True),
 ) -> None:
-    """Measure how often and how exactly panels are read.
+    """Measure how often and how exactly your own panel is read.
 
-    Frames are rendered from a seed, or come from a recording whose panel's distance and angle you give. Results go to
-    DIR: results.csv, evaluation.md, plots. An interrupted run resumes.
-
-    Example: ledpi evaluate --out far --suite beyond --frames 300 --method likelihood --method stream
+    Its frames come from a recording, from a distance and an angle that you give. Results go to DIR: results.csv,
+    evaluation.md, plots. Simulated panels are measured by `python -m evaluation.suites`, in a clone of ledpi's source.
 
     Example: ledpi evaluate --out mine --recording take1 --id 7 --distance 0.6
     """
     from ledpi.config.settings import load_config
 
-    settings = load_config(config, tuple(set_), without_file=(_SIDE,))
-    panel_options = [] if config is None else ["--config", str(config)]
-    panel_options += [word for item in set_ for word in ("--set", item)]
-    methods: list[Method] = [m.value for m in method]
-    if recording is not None:
-        place = _one("--distance", distance), _one("--angle", angle or [0.0])
-        read_recording(out, recording, id_, *place, methods, settings, panel_options)
-        return
-    if id_ is not None:
-        raise ConfigError("--id: goes with --recording DIR; rendered panels draw their IDs")
-    from ledpi.tools.evaluate.plan import Plan
-    from ledpi.tools.evaluate.prints import has_apriltag
-    from ledpi.tools.evaluate.units import code_version
-    from ledpi.tools.evaluate.wild_rows import TAKES
+    if suite:
+        raise ConfigError(f"--suite {suite[0]}: {SIMULATED}")
+    if recording is None:
+        raise ConfigError(f"--recording: must be given: the folder of a real panel's frames; {SIMULATED}")
+    if id_ is None:
+        raise ConfigError("--id: must be given with --recording: its panel's")
+    settings = load_config(config, tuple(set_), without_file=(SIDE,))
+    place = _one("--distance", distance), _one("--angle", angle or [0.0])
+    methods: list[PanelMethod] = [each.value for each in method]
+    _read_recording(out, recording, id_, *place, methods, settings, panel_options(config, set_))
 
-    suites: tuple[Suite, ...] = tuple(s.value for s in suite or (SuiteName.PAPER, SuiteName.BEYOND))
-    plan = Plan(
-        suites=suites,
-        frames=frames or (TAKES if suites == ("wild",) else 300),
-        seed=seed,
-        transfers=tuple(t.value for t in transfer),
-        exposures_us=tuple(exposure_us),
-        distances_m=tuple(distance),
-        angles_deg=tuple(angle),
-        cases=tuple(case),
-        methods=tuple(methods),
-        any_roll=roll,
-        apriltag=has_apriltag(),
-        panels=settings.panels,
-        frame_duration_us=None if settings.camera.frame_duration_us == "auto" else settings.camera.frame_duration_us,
-        panel_options=tuple(panel_options),
-        code=code_version(),
-    )
-    plan.check()
-    if keep is not None:
-        _keep(keep, plan)
-    elif take is not None:
-        _write_take(out, plan, take)
-    else:
-        _run(out, plan, workers, scheduler)
+
+def panel_options(config: Path | None, set_: list[str]) -> list[str]:
+    """The words of a command line that the panels came from."""
+    return ([] if config is None else ["--config", str(config)]) + [word for item in set_ for word in ("--set", item)]
 
 
 def _one(name: str, values: list[float]) -> float:
@@ -156,53 +102,66 @@ def _one(name: str, values: list[float]) -> float:
     return values[0]
 
 
-def _run(out: Path, plan: Plan, workers: int, scheduler: str | None) -> None:
-    from contextlib import closing
+def _read_recording(
+    out: Path,
+    recording: Path,
+    marker_id: int,
+    distance_m: float,
+    angle_deg: float,
+    methods: list[PanelMethod],
+    settings: Config,
+    panel_words: list[str],
+) -> None:
+    from ledpi.config.camera_yaml import lens_of
+    from ledpi.recording.overrides import load_recording_with
+    from ledpi.tools.evaluate.folder import ResultsFolder, code_version
+    from ledpi.tools.evaluate.recorded import evaluate_recording
 
-    from ledpi.tools.evaluate.folder import ResultsFolder
-    from ledpi.tools.evaluate.workers import run_on_cluster, run_on_processes
-
-    units = plan.units()
-    folder = ResultsFolder(out, plan.as_json())
-    left = [unit for unit in units if unit.key not in folder.finished]
-    with progress("evaluating", len(units)) as advance:
-        advance(len(units) - len(left))
-        records = run_on_cluster(left, scheduler) if scheduler else run_on_processes(left, workers or _cores())
-        with closing(records):
-            for record in records:
-                folder.add(record)
-                advance(1)
-    rows = plan.rows(folder.finished)
-    intro = f"Seed {plan.seed}, {plan.frames} frames a condition, code {plan.code}."
-    if not plan.apriltag and any(row.method == "aruco" for row in rows):
-        intro += " AprilTag is left out: pupil-apriltags is not installed."
-    show(out, rows, intro, plan.commands)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _write_take(out: Path, plan: Plan, number: int) -> None:
-    from ledpi.tools.evaluate.replay import write_take
-
-    conditions = plan.conditions()
-    if plan.suites == ("wild",):
-        raise ConfigError("--take: --suite wild writes its takes with --keep DIR")
-    if len(conditions) != 1:
-        raise ConfigError(
-            f"--take: is of one condition, asked for are {len(conditions)}; "
-            "narrow them with --suite, --case, --distance, --angle and --exposure-us"
+    folder = ResultsFolder(out, {"recordings": True, "code": code_version()})
+    loaded = load_recording_with(settings, recording)
+    lens = lens_of(loaded.camera, settings.camera.intrinsics)
+    with progress("evaluating", len(loaded.frames)) as advance:
+        record = evaluate_recording(
+            loaded,
+            marker_id=marker_id,
+            distance_m=distance_m,
+            angle_deg=angle_deg,
+            methods=_able(methods, settings.panels.override_with(loaded.panel_values)),
+            intrinsics=lens,
+            panels=settings.panels,
+            advance=advance,
         )
-    write_take(out, conditions[0], plan.panels, plan.seed, number, plan.frame_duration_us)
+    place = ["--id", str(marker_id), "--distance", f"{distance_m:g}", "--angle", f"{angle_deg:g}"]
+    chosen = [word for m in methods for word in ("--method", m)] + panel_words
+    words = ["ledpi", "evaluate", "--out", "DIR", "--recording", str(recording), *place, *chosen]
+    folder.add(record | {"command": shlex.join(words)})
+    _show(out, folder)
 
 
-def _keep(out: Path, plan: Plan) -> None:
-    from ledpi.tools.evaluate.keep import keep_wild
+def _able(asked: list[PanelMethod], panels: PanelSettings) -> list[PanelMethod]:
+    """Those asked for, else all that can read such panels. Raises ConfigError where one that is asked for cannot."""
+    from ledpi.config.settings import check_method
+    from ledpi.tools.evaluate.reading import PANEL_METHODS
 
-    if plan.suites != ("wild",):
-        raise ConfigError("--keep: writes the takes of --suite wild, and of no other")
-    rows = [condition.case for condition in plan.conditions()]
-    with progress("writing", len(rows) * plan.frames) as advance:
-        for row in rows:
-            keep_wild(out, row, plan.panels, seed=plan.seed, takes=plan.frames, advance=advance)
+    if "uemura" in asked:
+        check_method("uemura", panels, "--method")
+    able = [m for m in PANEL_METHODS if m != "uemura" or not panels.has_antiphase()]
+    return [m for m in able if m in (asked or able)]
+
+
+def _show(out: Path, folder: ResultsFolder) -> None:
+    """The table of all places that the folder holds."""
+    from ledpi.tools.evaluate.folder import code_version
+    from ledpi.tools.evaluate.page import PAGE_FILE, summary, write_results
+    from ledpi.tools.evaluate.recorded import rows_of_recordings
+
+    records = folder.finished.values()
+
+    def commands(row: TableRow) -> list[str]:
+        return [r["command"] for r in records if (r["exposure_us"], r["transfer"]) == (row.exposure_us, row.transfer)]
+
+    rows = rows_of_recordings(records)
+    for note in write_results(out, rows, f"Read from recordings, code {code_version()}.", commands):
+        print(f"ledpi: {note}", file=sys.stderr)
+    print(summary(rows))
+    print(f"The tables and the plots: {out / PAGE_FILE}")

@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from ledpi.cli import app
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.wording import counted
 
 _OUT = "File to write; an older one is kept as NAME.bak-1."
@@ -42,11 +42,18 @@ def import_(
     from ledpi.config.settings import find_config, load_config
     from ledpi.tools.calibrate.files import write_keeping_old
 
-    settings = load_config(find_config(config), without_file=("panels.side_m=1",))
-    panels = load_layout(layout)
+    panels, settings, wrong = load_layout(layout), None, ""
+    try:
+        settings = load_config(find_config(config), without_file=("panels.side_m=1",))
+    except LedpiError as error:
+        if config is not None:
+            raise
+        wrong = str(error)
     kept = write_keeping_old(out, map_text(panels, f"From {layout.name}, a field layout."))
     typer.echo(_written(out, len(panels), kept))
-    if note := unreadable_note(settings.panels, panels, out):
+    if settings is None:
+        typer.echo(f"Whether panels of these IDs are read was not looked at: {wrong}")
+    elif note := unreadable_note(settings.panels, panels, out):
         typer.echo(note)
 
 

@@ -36,6 +36,7 @@ def run(
     Example: ledpi run --set camera.source=simulated --set serial.port=/tmp/robot
     """
     asked = _keep_signals()
+    import ledpi.wire.line  # noqa: F401, so that another package named serial is told of at once, with status 2
     from ledpi.camera.factory import open_camera
     from ledpi.config.settings import find_config, load_config
     from ledpi.core.errors import LedpiError, TransientError

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ledpi.config.settings import Config, ViewSettings
     from ledpi.view.hub import Hub
     from ledpi.view.server import ViewServer
+    from ledpi.view.settings import Settings
 
 _M_ARENA_MAX = -8  # of glibc's malloc.h
 
@@ -41,6 +42,7 @@ def view(
     from ledpi.tap.of_config import of_config
     from ledpi.view.guard import metrics_token
     from ledpi.view.hub import Hub
+    from ledpi.view.settings import Settings
 
     log_to_standard_error()
     _share_memory()
@@ -51,7 +53,7 @@ def view(
     if socket_path is None:
         raise ConfigError("tap.socket: is null, so the daemon shows nothing; must be auto, or the daemon's path")
     hub = Hub(socket_path)
-    server, token = _open(settings.view, hub)
+    server, token = _open(settings.view, hub, Settings(hub, file, set_))
     ending = {signal.SIGINT, signal.SIGTERM}
     signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # from here on they wait to be waited for
     typer.echo(f"open http://{_shown_host(server)}:{server.server_port}/#token={token}")
@@ -86,7 +88,7 @@ def _share_memory() -> None:
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
 
 
-def _open(settings: ViewSettings, hub: Hub) -> tuple[ViewServer, str]:
+def _open(settings: ViewSettings, hub: Hub, keys: Settings) -> tuple[ViewServer, str]:
     """The listening server, and the token that it wants. Raises ConfigError where the address cannot be had."""
     import socket
 
@@ -100,7 +102,7 @@ def _open(settings: ViewSettings, hub: Hub) -> tuple[ViewServer, str]:
     own = socket.gethostname().lower()
     guard = Guard(token=token, names=frozenset({"localhost", own, f"{own}.local", *settings.hosts}))
     try:
-        return ViewServer((host, port), guard, hub), token
+        return ViewServer((host, port), guard, hub, keys), token
     except OSError as error:
         what = "is in use; choose another port, or end what uses it" if error.errno == 98 else f"{error.strerror}"
         raise ConfigError(f"view.listen: {settings.listen}: {what}") from None

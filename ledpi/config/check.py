@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +11,18 @@ from pydantic import ValidationError
 
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.mistakes import explain_all
+from ledpi.config.output_files import read_password, tls_context
 from ledpi.config.overrides import apply_override
 from ledpi.config.panels import check_bands_visible, check_panels
 from ledpi.config.renamed import rename_method
 from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config, check_method, resolve_paths, sections
-from ledpi.core.errors import LedpiError
+from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.files import parse_yaml
 
 
 def mistakes_in(file: Path, overrides: Sequence[str] = (), *, with_files: bool = True) -> list[str]:
-    """One line each. `with_files`: looks at the lens and the map that it names, too. `overrides`: as of --set."""
+    """One line each. `with_files`: looks at the files that it names, too. `overrides`: as of --set."""
     from_command_line: set[str] = set()
     try:
         raw = sections(file)
@@ -65,7 +67,20 @@ def _files(config: Config) -> list[str]:
     checks: list[Callable[[], object]] = [lambda: load_robot(config)]
     if lens is not None:
         checks.append(lambda: load_intrinsics(lens, size))
+    for name, output in config.outputs.items():
+        where = f"outputs.{name}"
+        if output.ca_file is not None:
+            checks.append(partial(_named_by, f"{where}.ca_file", tls_context, output.ca_file))
+        if output.password_file is not None:
+            checks.append(partial(_named_by, f"{where}.password_file", read_password, output.password_file))
     return _said_by(checks)
+
+
+def _named_by(key: str, read: Callable[[Path, type[LedpiError]], object], path: Path) -> None:
+    try:
+        read(path, ConfigError)
+    except ConfigError as error:
+        raise ConfigError(f"{key}: {error}") from None
 
 
 def _said_by(checks: Sequence[Callable[[], object]]) -> list[str]:

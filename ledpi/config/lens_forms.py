@@ -6,7 +6,6 @@ camera. PhotonVision: its JSON. They differ in how keys are spelt, how a matrix 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from ledpi.core.errors import CalibrationError
-from ledpi.core.files import MAX_TEXT_BYTES, parse_yaml, read_text
+from ledpi.core.files import MAX_TEXT_BYTES, parse_json, parse_yaml, read_text
 from ledpi.core.records import COEFFICIENTS, DistortionModel
 from ledpi.core.wording import shortened
 
@@ -115,8 +114,8 @@ def _parsed(text: str, path: Path) -> Any:
     start = text.lstrip()[:20]
     if start.startswith("{"):
         try:
-            return json.loads(text)
-        except (ValueError, RecursionError) as error:
+            return parse_json(text)
+        except ValueError as error:
             raise CalibrationError(f"{path}: not valid JSON: {error}") from None
     if len(text) > MAX_TEXT_BYTES:
         raise CalibrationError(f"{path}: is too large to be read; must be at most {MAX_TEXT_BYTES:,} characters")

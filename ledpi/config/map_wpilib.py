@@ -20,7 +20,7 @@ from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M
 from ledpi.config.mistakes import validated
 from ledpi.config.values import Finite, MarkerId, NoBooleans, PlaceM
 from ledpi.core.errors import ConfigError
-from ledpi.core.files import read_text
+from ledpi.core.files import parse_json, read_text
 from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_quaternion, quaternion_from_matrix, transform
 from ledpi.core.records import read_only
 from ledpi.pose.panel_map import MapPanel, PanelMap
@@ -71,8 +71,8 @@ class _Layout2027(NoBooleans):
 def load_layout(path: Path) -> PanelMap:
     """Reads a field layout, or Limelight's `.fmap`. Raises ConfigError with file and key."""
     try:
-        raw = json.loads(read_text(path, ConfigError))
-    except (ValueError, RecursionError) as error:
+        raw = parse_json(read_text(path, ConfigError))
+    except ValueError as error:
         raise ConfigError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: must be a field layout, an object with `tags`")

@@ -34,22 +34,26 @@ _WORDING = {
 M = TypeVar("M", bound=BaseModel)
 _UNKNOWN = ("extra_forbidden", "invalid_key")
 
+SECRET = "token"  # how the last word of a key ends whose value nobody is shown
+
 # Last parts of a location that are no keys: the branch of a number or `auto`, and [key] for a mapping's key.
 _BRANCHES = ("number", "auto", "[key]")
 
 
-def validated(model: type[M], raw: Any, where: str, error_type: type[LedpiError]) -> M:
-    """The values as this model. Raises `error_type`, one line: where, key, what is wrong, what would be right."""
+def validated(model: type[M], raw: Any, where: str, error_type: type[LedpiError], more: str = "more") -> M:
+    """The values as this model. Raises `error_type`, one line: where, key, what is wrong, what would be right; and the
+    number of further mistakes, as `more`.
+    """
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        raise error_type(f"{where}: {explain(error, model)}") from None
+        raise error_type(f"{where}: {explain(error, model, more)}") from None
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> str:
+def explain(error: ValidationError, model: type[BaseModel], more: str = "more") -> str:
     """One line for the first thing that is wrong in a `model`, with the number of the others."""
     first, *others = explain_all(error, model)
-    return first + (f" (and {len(others)} more)" if others else "")
+    return first + (f" (and {len(others)} {more})" if others else "")
 
 
 def explain_all(error: ValidationError, model: type[BaseModel]) -> list[str]:
@@ -73,7 +77,9 @@ def _explained(problem: ErrorDetails, model: type[BaseModel]) -> str:
         text = f"{key}: must be given (it has no default)"
     else:
         auto, given = " or auto" if branch == "number" else "", problem["input"]
-        text = f"{key}: {_wording(problem)}{auto}, not {'null' if given is None else shortened(given)}"
+        text = f"{key}: {_wording(problem)}{auto}"
+        if not key.endswith(SECRET):
+            text += f", not {'null' if given is None else shortened(given)}"
     return text
 
 

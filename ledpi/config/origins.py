@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from ledpi.config.mistakes import SECRET
 from ledpi.config.settings import Config
 
 DEFAULT, COMMAND_LINE = "default", "--set"
-SECRET = "token"  # how the last word of a key ends whose value nobody is shown
 
 
 def values_of(config: Config) -> dict[str, Any]:

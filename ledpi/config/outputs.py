@@ -11,17 +11,21 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 from typing_extensions import Self
 
-from ledpi.config.values import MaxAgeMs, Section
+from ledpi.config.values import MarkerId, MavlinkProfile, MavlinkSystem, MaxAgeMs, Section, is_ip
 
 Kind = Literal["stdout", "udp", "tcp", "mqtt", "nt", "zenoh"]
+MAVLINK_KEYS = ("mavlink_profile", "mavlink_system")  # of format: mavlink
 # The keys that each kind takes beside `kind`, and its port where none is given. Those with `host` need one.
 KEYS: dict[Kind, tuple[str, ...]] = {
-    "stdout": ("format", "max_age_ms"),
-    "udp": ("host", "port", "format", "max_age_ms"),
-    "tcp": ("host", "port", "format", "max_age_ms"),
+    "stdout": ("format", *MAVLINK_KEYS, "max_age_ms"),
+    "udp": ("host", "port", "format", *MAVLINK_KEYS, "max_age_ms"),
+    "tcp": ("host", "port", "format", *MAVLINK_KEYS, "max_age_ms"),
     "mqtt": ("host", "port", "topic", "client_id", "tls", "ca_file", "user", "password_file", "max_age_ms"),
     "nt": ("host", "port", "topic", "photon_camera", "max_age_ms"),
-    "zenoh": ("host", "port", "topic", "domain", "camera_frame", "max_age_ms"),
+    "zenoh": (
+        *("host", "port", "topic", "domain", "camera_frame", "map_frame", "frame_prefix", "publish_tf", "dock_id"),
+        "max_age_ms",
+    ),
 }
 PORTS: dict[Kind, int] = {"mqtt": 1883, "nt": 5810, "zenoh": 7447}
 MQTT_TLS_PORT = 8883
@@ -46,7 +50,19 @@ _WIDER = r"[A-Za-z0-9_-]+"  # as hosts are named; ROS 2 has no -
 Topic = Annotated[
     str, _of_the_form(rf"(?=.{{1,200}}$){_WIDER}(/{_WIDER})*", "words of letters, digits, _ and -, with / between")
 ]
+FramePrefix = Annotated[
+    str, _of_the_form(r"(?!/)[A-Za-z0-9_/]{0,100}", "letters, digits and _, with / between or behind, as front/")
+]
 ClientId = Annotated[str, _of_the_form(r"[!-~]{1,200}", "1 to 200 letters, digits and signs, without blanks")]
+
+
+_LABEL = r"\w([\w-]*\w)?"
+
+
+def _host(name: str) -> str:
+    if is_ip(name) or (len(name) <= 253 and re.fullmatch(rf"{_LABEL}(\.{_LABEL})*\.?", name)):
+        return name
+    raise ValueError("must be a name or an address alone, as robot.lan or 10.0.0.2: no port, no path")
 
 
 class OutputSettings(Section):
@@ -54,9 +70,11 @@ class OutputSettings(Section):
 
     kind: Kind
     max_age_ms: MaxAgeMs | None = None  # that of `serial`
-    host: Annotated[str, Field(min_length=1, max_length=253)] | None = None
+    host: Annotated[str, AfterValidator(_host)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] | None = None
-    format: Literal["json", "wire"] = "json"
+    format: Literal["json", "wire", "mavlink"] = "json"
+    mavlink_profile: MavlinkProfile = "ardupilot"
+    mavlink_system: MavlinkSystem = 1
     topic: Topic | None = None  # see `base_topic`
     client_id: ClientId | None = None
     tls: bool = False
@@ -66,6 +84,10 @@ class OutputSettings(Section):
     photon_camera: Annotated[str, _of_the_form(r"[^/]{1,60}", "a name without /")] | None = None
     domain: Annotated[int, Field(ge=0, le=232)] = 0
     camera_frame: RosName = "camera_optical_frame"
+    map_frame: RosName = "map"
+    frame_prefix: FramePrefix = ""
+    publish_tf: bool = True
+    dock_id: MarkerId | None = None
 
     @model_validator(mode="after")
     def _has_keys_of_its_kind(self) -> Self:
@@ -78,6 +100,9 @@ class OutputSettings(Section):
             raise ValueError(f"must have a port; {self.kind} has none of its own")
         if self.kind == "zenoh" and self.topic is not None and not re.fullmatch(rf"{_WORD}(/{_WORD})*", self.topic):
             raise ValueError(f"has topic {self.topic}; ROS 2's words have letters, digits and _, a digit never first")
+        for key in MAVLINK_KEYS:
+            if key in self.model_fields_set and self.format != "mavlink":
+                raise ValueError(f"has {key}, which needs format: mavlink")
         if self.ca_file is not None and not self.tls:
             raise ValueError("has ca_file, which needs tls: true")
         if (self.password_file is None) != (self.user is None):

@@ -14,7 +14,7 @@ Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
 def parse_override(item: str) -> tuple[Key, Any]:
     """Splits KEY=VALUE, and reads the value as YAML. Raises ConfigError."""
     key, equals, text = item.partition("=")
-    if not equals or not key:
+    if not equals or not key or not key.isprintable():
         raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
     try:
         value = parse_yaml(text, "", ConfigError)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict
 from datetime import date
@@ -21,6 +22,13 @@ def _known_dictionary(name: str) -> str:
         return name
     known, endings = ", ".join(dictionary_names()), ", ".join(FILE_ENDINGS)
     raise ValueError(f"{meant_name(name)}must be one of {known}, or a file that ends in {endings}")
+
+
+def _each_once(ids: tuple[int, ...]) -> tuple[int, ...]:
+    twice = sorted(listed for listed, times in Counter(ids).items() if times > 1)
+    if twice:
+        raise ValueError(f"must list each ID once, and lists {format_ranges(twice)} twice")
+    return ids
 
 
 class PanelOverride(Section):
@@ -45,7 +53,7 @@ class PanelSettings(Section):
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
     # Those that exist. None: all but those that a part or a reflection of a panel can show.
-    ids: Annotated[tuple[MarkerId, ...], Field(min_length=1)] | None = None
+    ids: Annotated[tuple[MarkerId, ...], Field(min_length=1), AfterValidator(_each_once)] | None = None
     search_frequencies: StrictBool = False  # of oscillators that are off by a percent, as RC oscillators are
     overrides: dict[MarkerId, PanelOverride] = Field(default_factory=dict)
 

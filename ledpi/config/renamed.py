@@ -8,7 +8,6 @@ from typing import Any
 from ledpi.core.wording import one_line
 
 METHODS = {"soft": "likelihood", "bands": "uemura"}
-EVALUATED = METHODS | {"told": "oracle"}  # what `ledpi evaluate --method` takes besides
 
 
 def current_name(name: str, renamed: dict[str, str], where: str) -> str:

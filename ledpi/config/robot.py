@@ -8,9 +8,10 @@ import numpy as np
 
 from ledpi.config.map_yaml import load_map
 from ledpi.config.panels import PanelSettings
-from ledpi.config.settings import Config
+from ledpi.config.settings import CameraMount, Config
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
+from ledpi.core.records import Floats
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pose.fix import Robot
 from ledpi.pose.panel_map import PanelMap
@@ -18,10 +19,14 @@ from ledpi.pose.panel_map import PanelMap
 MAX_NAMED = 5  # that are named of many
 
 
+def base_link_from_camera(mount: CameraMount) -> Floats:
+    """The camera's optical frame in the robot's, (4, 4)."""
+    rotation = matrix_from_rpy_deg(*mount.rpy_deg) @ CAMERA_LINK_FROM_CAMERA
+    return transform(rotation, np.array(mount.position_m))
+
+
 def load_robot(config: Config) -> Robot:
     """Reads the map too, if there is one. Raises ConfigError."""
-    mount = config.robot.camera_mount
-    rotation = matrix_from_rpy_deg(*mount.rpy_deg) @ CAMERA_LINK_FROM_CAMERA
     panels = None
     if config.map is not None:
         panels = load_map(config.map)
@@ -33,7 +38,7 @@ def load_robot(config: Config) -> Robot:
                     f"the configuration is {override.side_m}: give it once"
                 )
     return Robot(
-        base_link_from_camera=transform(rotation, np.array(mount.position_m)),
+        base_link_from_camera=base_link_from_camera(config.robot.camera_mount),
         panels=panels,
         panels_upright=config.panels.upright,
     )

@@ -6,11 +6,12 @@ A wrong key or value is a `ConfigError` of one line: file, key, what is wrong, w
 from __future__ import annotations
 
 import os
+import re
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PrivateAttr
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, StrictBool
 
 from ledpi.config.mistakes import validated
 from ledpi.config.outputs import OutputName, OutputSettings
@@ -22,6 +23,8 @@ from ledpi.config.values import (
     GainOrAuto,
     HostName,
     Listen,
+    MavlinkProfile,
+    MavlinkSystem,
     MaxAgeMs,
     Microseconds,
     MicrosecondsOrAuto,
@@ -51,6 +54,16 @@ def _known_source(source: object) -> object:
         if kind == "picamera2" and rest.isascii() and rest.isdigit() and len(rest) == 1:
             return source
     raise ValueError("must be picamera2, picamera2:N, simulated, recording:PATH or v4l2:/dev/videoN")
+
+
+def _no_address(port: str) -> str:
+    """Refuses an address as MAVLink's programs write it, of which no device file has the name."""
+    if re.match(r"(udp|tcp)(in|out|bcast)?:", port):
+        raise ValueError(
+            "must be a serial port's path; to an address poses go by outputs: {fc: {kind: udp, host: HOST, port: PORT, "
+            "format: mavlink}}"
+        )
+    return port
 
 
 class CameraSettings(Section):
@@ -93,10 +106,11 @@ class RobotSettings(Section):
 class SerialSettings(Section):
     """The section `serial`."""
 
-    port: Annotated[str, Field(min_length=1)] | None = None
+    port: Annotated[str, Field(min_length=1), AfterValidator(_no_address)] | None = None
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
     protocol: Literal["ledpi", "mavlink"] = "ledpi"
-    mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"
+    mavlink_profile: MavlinkProfile = "ardupilot"
+    mavlink_system: MavlinkSystem = 1
     max_age_ms: MaxAgeMs = 100.0
 
 
@@ -119,6 +133,7 @@ class ViewSettings(Section):
     listen: Listen = "127.0.0.1:8088"
     token: Token | None = None
     hosts: tuple[HostName, ...] = ()  # further names that the page is asked for by
+    edit: StrictBool = False  # whoever has the token may change this file
 
     @property
     def address(self) -> tuple[str, int]:
@@ -191,16 +206,17 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     if path is None:
         _size_of_own_panels(raw)
     rename_method(raw, where)
-    config = resolve_paths(build_config(raw, where), base, from_command_line)
+    more = "more" if path is None else f"more: `ledpi config check --config {path}` lists them"
+    config = resolve_paths(build_config(raw, where, more), base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
     config._file = None if path is None else path.absolute()
     check_together(config, where)
     return config
 
 
-def build_config(raw: dict[str, Any], where: str) -> Config:
-    """Validates each value by itself. Raises ConfigError."""
-    return validated(Config, raw, where, ConfigError)
+def build_config(raw: dict[str, Any], where: str, more: str = "more") -> Config:
+    """Validates each value by itself. Raises ConfigError; `more`: as it calls further mistakes."""
+    return validated(Config, raw, where, ConfigError, more)
 
 
 def check_together(config: Config, where: str) -> None:

@@ -21,6 +21,11 @@ def udev_rule() -> str:
     return _text("systemd/61-ledpi.rules")
 
 
+def key_tables() -> str:
+    """The text of docs/configuration.md. Raises InstallationError."""
+    return _text("configuration.md")
+
+
 def _text(name: str) -> str:
     try:
         return (FOLDER / name).read_text(encoding="utf-8")

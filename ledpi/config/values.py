@@ -49,6 +49,8 @@ Degrees = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
 DeviationM = Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)]
 DeviationDeg = Annotated[float, Field(ge=0, le=180, allow_inf_nan=False)]
 Coefficient = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]  # of a lens's distortion
+MavlinkProfile = Literal["ardupilot", "px4"]
+MavlinkSystem = Annotated[int, Field(ge=1, le=255)]  # a vehicle's; 0 is all of them
 MaxAgeMs = Annotated[float, Field(gt=0, le=60_000, allow_inf_nan=False)]
 Duty = Annotated[float, Field(ge=0.01, le=0.99)]
 Gain = Annotated[float, Field(ge=1, le=64)]

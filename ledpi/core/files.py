@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import glob
+import json
 import os
 import re
 import secrets
@@ -29,7 +30,16 @@ MAX_TEXT_BYTES = 256 * 1024
 MAX_DEPTH = 32  # of lists and mappings in each other
 MAX_QUOTED = 200  # characters of PyYAML's own words, which may repeat a value
 FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "this user's share of the disk is used up"}
+HALF = "holds half a character (\\ud800 to \\udfff by itself), as no file's name or text can"
 MAKE_ROOM = "make room on it, or write to another one"
+
+
+def _encodable(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 class _RepeatedKeyError(Exception):
@@ -52,6 +62,12 @@ class _PlainYaml(yaml.SafeLoader):
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
+
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
+        value = super().construct_scalar(node)
+        if isinstance(value, str) and not _encodable(value):
+            raise yaml.MarkedYAMLError(problem=HALF, problem_mark=node.start_mark)
+        return value
 
     def _refusal(self, what: str) -> yaml.MarkedYAMLError:
         return yaml.MarkedYAMLError(problem=what, problem_mark=self.peek_event().start_mark)  # type: ignore[no-untyped-call]
@@ -264,6 +280,17 @@ def parse_yaml(text: str, where: object, error: type[LedpiError]) -> Any:
         raise error(f"{where}: not valid YAML: {_located(caught)}") from None
     except Exception as caught:  # for a broken value (`!!timestamp x`) PyYAML lets through whatever came up
         raise error(f"{where}: not valid YAML: {' '.join(str(caught)[:MAX_QUOTED].split())}") from None
+
+
+def parse_json(text: str) -> Any:
+    """Returns what it says. Raises ValueError where it is no JSON, too deeply nested, or holds half a character."""
+    try:
+        values = json.loads(text)
+    except RecursionError:
+        raise ValueError("is nested too deeply") from None
+    if "\\u" in text and not _encodable(json.dumps(values, ensure_ascii=False)):
+        raise ValueError(HALF)
+    return values
 
 
 def _located(error: yaml.MarkedYAMLError) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import json
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.errors import ConfigError
-from ledpi.core.files import parse_yaml, read_text
+from ledpi.core.files import parse_json, parse_yaml, read_text
 from ledpi.core.wording import shortened
 from ledpi.markers.codewords import Dictionary
 
@@ -102,8 +101,8 @@ def _values(path: Path) -> dict[str, Any]:
         raise ValueError(str(error)) from None
     try:
         is_json = text.lstrip().startswith("{")
-        values = json.loads(text) if is_json else parse_yaml(text.removeprefix(_OPENCV_YAML), path, ConfigError)
-    except (ConfigError, ValueError, RecursionError):
+        values = parse_json(text) if is_json else parse_yaml(text.removeprefix(_OPENCV_YAML), path, ConfigError)
+    except (ConfigError, ValueError):
         values = None
     if not isinstance(values, dict):
         raise ValueError(f"{path}: cannot be read as a dictionary; must be YAML (first line %YAML:1.0) or JSON")

@@ -5,7 +5,6 @@ Keys that are not known here are passed over, so that a recording may hold more 
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path, PurePosixPath
@@ -16,7 +15,7 @@ from typing_extensions import Self
 
 from ledpi.config import values as values
 from ledpi.core.errors import RecordingError
-from ledpi.core.files import read_text, read_yaml
+from ledpi.core.files import parse_json, read_text, read_yaml
 from ledpi.core.records import COEFFICIENTS, DistortionModel, Phase, RowsFrom, Transfer
 from ledpi.core.wording import shortened, shortened_name
 from ledpi.markers.dictionaries import is_file, load_dictionary
@@ -187,8 +186,8 @@ def read_lines(path: Path, model: type[Model], made: Callable[[Model], Made]) ->
         if len(text) > MAX_LINE:
             raise RecordingError(f"{where}: is too long; must be at most {MAX_LINE:,} characters")
         try:
-            raw = json.loads(text)
-        except (ValueError, RecursionError) as error:
+            raw = parse_json(text)
+        except ValueError as error:
             if lines and not text.endswith("\n"):
                 _log.warning("%s: is cut off; it is left out, what stands before it is read", where)
                 return lines, True

@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ledpi.core.files import parse_json
 from ledpi.recording.picture import PNG_SIGNATURE
 
 KEYWORD = b"ledpi"
@@ -28,8 +29,8 @@ def text_of(data: bytes) -> dict[str, Any] | None:
         keyword, _, text = content.partition(b"\0")
         if name == b"tEXt" and keyword == KEYWORD and len(text) <= MAX_BYTES:
             try:
-                values = json.loads(text)
-            except (ValueError, RecursionError):
+                values = parse_json(text.decode())
+            except ValueError:
                 return None
             return values if isinstance(values, dict) else None
     return None

@@ -8,19 +8,21 @@ x right, y up, z out of it. docs/ros.md lists the topics.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion, quaternion_from_matrix
-from ledpi.core.records import CameraInfo, Floats
+from ledpi.core.records import CameraInfo, DistortionModel, Floats
 
 Values = dict[str, Any]
+Sides = Callable[[int], float]  # of a panel, by its ID: m
 
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 DOCK_POSE = "geometry_msgs/msg/PoseStamped"
-TF = "tf2_msgs/msg/TFMessage"
+TF, TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformStamped"
 DETECTIONS = "vision_msgs/msg/Detection3DArray"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -31,6 +33,14 @@ UNKNOWN_VARIANCE = 1e6  # m² or rad²: a filter gives it no weight
 # A dock's x points into it, as a robot that has driven in faces, its z points up: Nav2 then needs no further rotation.
 MARKER_FROM_DOCK = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
+# sensor_msgs/distortion_models.hpp knows three. Its rational_polynomial is OpenCV's, with as many terms as there are.
+ROS_MODELS: Mapping[DistortionModel, str] = {
+    "plumb_bob": "plumb_bob",
+    "rational_polynomial": "rational_polynomial",
+    "thin_prism": "rational_polynomial",
+    "equidistant": "equidistant",
+}
+_NO_POSITION, _NO_ROTATION = (math.nan,) * 3, (math.nan,) * 4
 
 
 class Message(NamedTuple):
@@ -46,25 +56,38 @@ class Message(NamedTuple):
 class Names:
     """Names of topics and of frames of reference."""
 
-    topic: str = "/ledpi"
+    topic: str = "/ledpi"  # what topics begin with; without / it is relative to the node's namespace
+    source: str = "ledpi"  # who diagnostics are of
     camera_frame: str = "camera_optical_frame"
     map_frame: str = "map"
+    frame_prefix: str = ""  # of the panels' frames
+    publish_tf: bool = True
     dock_id: int | None = None  # the panel on a dock, if there is one
 
+    @property
+    def dock_topic(self) -> str:
+        """The topic where Nav2's docking server of the same namespace listens."""
+        namespace, slash, _ = self.topic.rpartition("/")
+        return f"{namespace}{slash}detected_dock_pose"
 
-def frame_messages(frame: Values, names: Names, unix_offset_ns: int) -> list[Message]:
+
+def _unknown_m(marker_id: int) -> float:
+    return 0.0
+
+
+def frame_messages(frame: Values, names: Names, unix_offset_ns: int, side_m: Sides = _unknown_m) -> list[Message]:
     """The messages of one `decoded` line. `unix_offset_ns`: what to add to its times to get Unix time.
 
-    Detections are published of every frame, as "nothing seen" is news too. No listener could tell a panel's pose from
-    its mirror image, so where both are possible it is in the detections alone, with both.
+    Detections are published of every frame, as "nothing seen" is news too; an ID that is read without a lens has a pose
+    of NaN there. No listener could tell a panel's pose from its mirror image, so where both are possible it is in the
+    detections alone, with both.
     """
     stamp_ns = frame["exposed_ns"] + unix_offset_ns
-    placed = [marker for marker in frame["markers"] if marker["position_m"] is not None]
-    found = [_detection(marker, names, unix_offset_ns) for marker in placed]
+    found = [_detection(marker, names, unix_offset_ns, side_m(marker["id"])) for marker in frame["markers"]]
     header = _header(stamp_ns, names.camera_frame)
     messages = [Message(f"{names.topic}/detections", DETECTIONS, stamp_ns, {"header": header, "detections": found})]
-    certain = [marker for marker in placed if marker["alternate"] is None]
-    if certain:
+    certain = [m for m in frame["markers"] if m["position_m"] is not None and m["alternate"] is None]
+    if certain and names.publish_tf:
         transforms = [_transform(marker, names, unix_offset_ns) for marker in certain]
         messages.append(Message("/tf", TF, stamp_ns, {"transforms": transforms}))
     for marker in certain:
@@ -77,27 +100,45 @@ def frame_messages(frame: Values, names: Names, unix_offset_ns: int) -> list[Mes
     return messages
 
 
-def health_message(state: str, health: Values | None, names: Names, stamp_ns: int) -> Message:
-    """The daemon's state for `ros2 topic echo /diagnostics` and rqt_runtime_monitor."""
+def health_message(
+    state: str, health: Values | None, names: Names, stamp_ns: int, *, contradicting: bool = False
+) -> Message:
+    """The daemon's state for `ros2 topic echo /diagnostics` and rqt_runtime_monitor.
+
+    `contradicting`: panels have contradicted the map since the last one.
+    """
     health = health or {}
     level = {"running": OK, "starting": WARN, "stopping": WARN, "camera_lost": ERROR}.get(state, STALE)
+    wrong = _wrong(health, contradicting) if level == OK else []
     keys = ("no_fix", "frames_per_s", "decoded_per_s", "dropped_frames", "in_view")
     said: Values = {key: health[key] for key in keys if key in health}
     said |= {f"rejected.{key}": count for key, count in health.get("rejected", {}).items()}
     if health.get("temperature_c") is not None:
         said["temperature_c"] = health["temperature_c"]
     status = {
-        "level": level,
-        "name": f"{names.topic.strip('/')}: daemon",
-        "message": state.replace("_", " "),
+        "level": WARN if wrong else level,
+        "name": f"{names.source}: daemon",
+        "message": "; ".join(wrong) or state.replace("_", " "),
         "hardware_id": names.camera_frame,
         "values": [{"key": key, "value": str(value)} for key, value in said.items()],
     }
     return Message("/diagnostics", DIAGNOSTICS, stamp_ns, {"header": _header(stamp_ns, ""), "status": [status]})
 
 
+def _wrong(health: Values, contradicting: bool) -> list[str]:
+    """Lists what a person has to put right, though frames come."""
+    no_fix = health.get("no_fix")
+    found = {
+        "frames are decoded too late: this computer is too slow": no_fix == "behind",
+        "nothing is decoded": no_fix != "behind" and health.get("decoded_per_s") == 0,
+        "no lens is known: calibrate it (camera.intrinsics)": no_fix == "uncalibrated",
+        "panels contradict the map": contradicting,
+    }
+    return [text for text, holds in found.items() if holds]
+
+
 def camera_info_message(camera: CameraInfo, topic: str, stamp_ns: int, frame_id: str) -> Message:
-    """The lens, as OpenCV and ROS have it (`plumb_bob`); zeros where it is not calibrated, as ROS says that."""
+    """The lens, as ROS has it; zeros where it is not calibrated, as ROS says that."""
     lens = camera.intrinsics
     k = np.zeros((3, 3)) if lens is None else lens.matrix()
     projection = np.hstack([k, np.zeros((3, 1))])
@@ -105,8 +146,8 @@ def camera_info_message(camera: CameraInfo, topic: str, stamp_ns: int, frame_id:
         "header": _header(stamp_ns, frame_id),
         "height": camera.height,
         "width": camera.width,
-        "distortion_model": "plumb_bob",
-        "d": [] if lens is None else list(lens.distortion),
+        "distortion_model": "plumb_bob" if lens is None else ROS_MODELS[lens.distortion_model],
+        "d": [] if lens is None else [float(number) for number in lens.distortion],
         "k": k.ravel().tolist(),
         "r": np.eye(3).ravel().tolist(),
         "p": projection.ravel().tolist(),
@@ -123,7 +164,7 @@ def image_message(png: bytes, topic: str, stamp_ns: int, frame_id: str) -> Messa
     return Message(topic, COMPRESSED_IMAGE, stamp_ns, values)
 
 
-def _detection(marker: Values, names: Names, unix_offset_ns: int) -> Values:
+def _detection(marker: Values, names: Names, unix_offset_ns: int, side_m: float) -> Values:
     """One panel; a second hypothesis is its mirror pose, where that is not excluded."""
     score = 1.0 / (1.0 + math.exp(-min(marker["margin"], 700.0)))  # of this ID against the best other explanation
     hypotheses = [
@@ -134,7 +175,7 @@ def _detection(marker: Values, names: Names, unix_offset_ns: int) -> Values:
     return {
         "header": _header(marker["exposed_ns"] + unix_offset_ns, names.camera_frame),
         "results": hypotheses,
-        "bbox": {"center": _pose_of(marker), "size": {"x": 0.0, "y": 0.0, "z": 0.0}},
+        "bbox": {"center": _pose_of(marker), "size": {"x": side_m, "y": side_m, "z": 0.0}},
         "id": str(marker["id"]),
     }
 
@@ -148,14 +189,14 @@ def _dock(marker: Values, stamp_ns: int, names: Names) -> Message:
     rotation = matrix_from_quaternion(np.array(marker["quaternion_wxyz"])) @ MARKER_FROM_DOCK
     pose = {"position_m": marker["position_m"], "quaternion_wxyz": quaternion_from_matrix(rotation).tolist()}
     values = {"header": _header(stamp_ns, names.camera_frame), "pose": _pose_of(pose)}
-    return Message("/detected_dock_pose", DOCK_POSE, stamp_ns, values)
+    return Message(names.dock_topic, DOCK_POSE, stamp_ns, values)
 
 
 def _transform(marker: Values, names: Names, unix_offset_ns: int) -> Values:
     pose = _pose_of(marker)
     return {
         "header": _header(marker["exposed_ns"] + unix_offset_ns, names.camera_frame),
-        "child_frame_id": f"panel_{marker['id']}",
+        "child_frame_id": f"{names.frame_prefix}panel_{marker['id']}",
         "transform": {"translation": pose["position"], "rotation": pose["orientation"]},
     }
 
@@ -170,8 +211,8 @@ def _with_covariance(pose: Values) -> Values:
 
 
 def _pose_of(pose: Values) -> Values:
-    x, y, z = pose["position_m"]
-    qw, qx, qy, qz = pose["quaternion_wxyz"]
+    x, y, z = pose["position_m"] or _NO_POSITION
+    qw, qx, qy, qz = pose["quaternion_wxyz"] or _NO_ROTATION
     return {
         "position": {"x": float(x), "y": float(y), "z": float(z)},
         "orientation": {"x": float(qx), "y": float(qy), "z": float(qz), "w": float(qw)},

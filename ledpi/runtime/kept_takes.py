@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ledpi.core.errors import RecordingError
+from ledpi.runtime.take_order import oldest_first
 from ledpi.runtime.take_writer import PART
 from ledpi.runtime.takes import takes_folder
 from ledpi.tap.protocol import Request
@@ -59,7 +60,7 @@ class KeptTakes:
         names = []
         with suppress(FileNotFoundError), os.scandir(self._folder) as entries:
             names = [e.name for e in entries if _NAME.fullmatch(e.name) and e.is_dir(follow_symlinks=False)]
-        return {"takes": [self._told(name) for name in sorted(names, reverse=True)[:MOST_LISTED]]}
+        return {"takes": [self._told(name) for name in oldest_first(self._folder, names)[: -MOST_LISTED - 1 : -1]]}
 
     def read(self, request: Request) -> dict[str, Any]:
         """A piece of the take's tar file from `offset` on, and how many bytes the whole has. Raises RecordingError."""

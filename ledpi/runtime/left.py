@@ -41,8 +41,12 @@ def publisher_of(
     """
     mavlink = None
     if config.serial.protocol == "mavlink":
-        profile = config.serial.mavlink_profile
-        mavlink = Mavlink(base_link_from_camera=base_link_from_camera, profile=profile, resets=resets)
+        mavlink = Mavlink(
+            base_link_from_camera=base_link_from_camera,
+            profile=config.serial.mavlink_profile,
+            system=config.serial.mavlink_system,
+            resets=resets,
+        )
     if left is None:
         return Publisher(config.serial, mavlink, map_resets=resets.maps)
     left.begin_anew(config.serial, mavlink, map_resets=resets.maps)

@@ -93,7 +93,7 @@ class Observers:
     def close(self) -> None:
         """After the last frame; waits for what is being written, a moment at most."""
         if self._tap is not None and self._recorder is not None:
-            for do in COMMANDS:
+            for do in COMMANDS:  # `reload`, too: until there is a daemon again
                 self._tap.offer(do, None)
             self._recorder.close()
         if self._rewind is not None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
+import queue
 from collections.abc import Callable
+from typing import Any
 
 from ledpi import __version__
 from ledpi.camera.base import Camera
 from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config
-from ledpi.core.errors import LedpiError, RecordingError
+from ledpi.core.errors import ConfigError, LedpiError, RecordingError, TapAgainError
 from ledpi.core.wording import one_line
 from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.left import NOTHING_LEFT, Left
@@ -17,10 +19,12 @@ from ledpi.runtime.reload import Reading
 from ledpi.runtime.reporting import Totals, event
 from ledpi.runtime.systemd import notify
 from ledpi.runtime.tapping import close_tap, open_tap
+from ledpi.tap.protocol import Request
 from ledpi.tap.server import Tap
 from ledpi.wire.resets import Resets
 
 MAX_QUOTED = 200  # characters of an error that nobody has foreseen
+RELOADED_S = 60.0  # within which a client of the tap hears what has become of it
 
 _log = logging.getLogger("ledpi")
 
@@ -33,9 +37,10 @@ class Service:
     ) -> None:
         """`lossless`: as Daemon's. Raises LedpiError where the first configuration or its camera cannot be used."""
         self._load, self._open_camera, self._lossless = load, open_camera, lossless
-        self._asked_to_stop = self._asked_to_reload = self._asked_to_save = False
+        self._asked_to_stop = self._asked_to_reload = self._asked_to_save = self._has_changed = False
         self._reading: Reading | None = None
         self._next: Config | None = None
+        self._heard: queue.SimpleQueue[str] | None = None  # for who has asked by the tap: the error, or ""
         self._resets = Resets()
         self._config = load()
         self._tap = open_tap(self._config)
@@ -53,6 +58,18 @@ class Service:
     def reload(self) -> None:
         """From a signal handler: takes no lock. The work is done in the thread that runs."""
         self._asked_to_reload = True
+
+    def reload_for_tap(self, request: Request) -> dict[str, Any]:
+        """As `reload`, from a thread of the tap: waits for what becomes of it. Raises LedpiError."""
+        self._heard = heard = queue.SimpleQueue[str]()
+        self.reload()
+        try:
+            error = heard.get(timeout=RELOADED_S)
+        except queue.Empty:
+            raise TapAgainError("the configuration is not there yet; does a mount hang?") from None
+        if error:
+            raise ConfigError(f"{error}; the old configuration stays")
+        return {}
 
     def save(self) -> None:
         """The last seconds, as a recording. From a signal handler: takes no lock."""
@@ -76,6 +93,9 @@ class Service:
 
     def _handle_requests(self) -> None:
         """A configuration that can be read ends the daemon, for another one to begin; a bad one is named."""
+        if self._has_changed:
+            self._has_changed = False
+            self._tell("")
         if self._asked_to_save:
             self._asked_to_save = False
             try:
@@ -109,6 +129,7 @@ class Service:
             close_tap(tap, but=self._tap)
             self._refuse(error)
             return self._start(self._config, self._tap, left)
+        self._has_changed = True
         close_tap(self._tap, but=tap)
         self._config, self._tap = config, tap
         return daemon
@@ -121,6 +142,8 @@ class Service:
             daemon = Daemon(
                 config, camera, lossless=self._lossless, resets=self._resets, tap=tap, publisher=left.publisher
             )
+            if tap is not None:
+                tap.offer("reload", self.reload_for_tap)
         except BaseException:
             if camera is not left.camera:
                 camera.close()
@@ -147,4 +170,10 @@ class Service:
 
     def _refuse(self, error: Exception) -> None:
         what = str(error) if isinstance(error, LedpiError) else f"{type(error).__name__}: {str(error)[:MAX_QUOTED]}"
+        self._tell(what)
         _log.error(event("reload_refused", error=one_line(what), stays="the old configuration"))
+
+    def _tell(self, error: str) -> None:
+        heard, self._heard = self._heard, None
+        if heard is not None:
+            heard.put(error)

@@ -18,6 +18,7 @@ from ledpi.core.errors import DiskFullError, LedpiError, RecordingError
 from ledpi.core.files import FULL, not_written
 from ledpi.core.records import CameraInfo, PanelSpec
 from ledpi.runtime.frame_buffers import FrameBuffers, KeptFrame
+from ledpi.runtime.take_order import note_begun, oldest_first
 from ledpi.runtime.take_writer import PART, TakeWriter
 
 AUTOMATIC = ("camera_lost", "contradicted")  # causes that nobody asked for
@@ -131,9 +132,10 @@ def make_room(folder: Path, cause: str, wanted_bytes: int) -> None:
     """Forgets the oldest of those that nobody asked for. Raises RecordingError where the disk is too full."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # whoever may not use the tap gets no picture here either
     if cause in AUTOMATIC:
-        old = sorted(path for path in folder.iterdir() if _OLD.fullmatch(path.name) and path.is_dir())
-        for path in old[: max(0, len(old) - MAX_AUTOMATIC + 1)]:
-            shutil.rmtree(path, ignore_errors=True)
+        unasked = (path.name for path in folder.iterdir() if _OLD.fullmatch(path.name) and path.is_dir())
+        old = oldest_first(folder, unasked)
+        for name in old[: max(0, len(old) - MAX_AUTOMATIC + 1)]:
+            shutil.rmtree(folder / name, ignore_errors=True)
     check_room(folder, wanted_bytes)
 
 
@@ -151,5 +153,6 @@ def _new_path(folder: Path, cause: str) -> Path:
     for number in range(1, 1000):
         path = folder / (name if number == 1 else f"{name}-{number}")
         if not path.exists() and not path.with_name(path.name + PART).exists():
+            note_begun(folder, path.name)
             return path
     raise RecordingError(f"{folder / name}: is there a thousand times; is the clock stuck?")

@@ -22,13 +22,13 @@ _OFF: dict[Do, str] = {
     "save": "rewind is off: nothing is kept that could be saved",
     "record": "the daemon is starting or ending; ask again later",
     "record_stop": "nothing is being recorded",
-    **dict.fromkeys(("takes", "take", "take_delete"), "the daemon is starting or ending; ask again later"),
+    **dict.fromkeys(("takes", "take", "take_delete", "reload"), "the daemon is starting or ending; ask again later"),
 }
 _BUSY: dict[Do, str] = {
     "save": "the last one is not done yet; ask again later",
     "record": "a recording runs already; record_stop ends it",
     "record_stop": "the recording is ending already",
-    **dict.fromkeys(("takes", "take", "take_delete"), "another client's is not done yet; ask again"),
+    **dict.fromkeys(("takes", "take", "take_delete", "reload"), "another client's is not done yet; ask again"),
 }
 
 

@@ -12,9 +12,11 @@ from ledpi.config.overrides import apply_override
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, build_config, check_together
 from ledpi.core.errors import ConfigError, TapError
+from ledpi.core.geometry import matrix_from_quaternion, transform
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics
 from ledpi.diagnosis.diagnose import NotRead
 from ledpi.diagnosis.why_not import WhyNot
+from ledpi.pose.panel_map import MapPanel, PanelMap
 
 WITH_REASONS = ("rejected", "evidence")  # extras of a picture from which `not_read_of` knows all
 SAME_PX = 1.0  # corners of one square, which are told twice, rounded
@@ -123,3 +125,18 @@ def lens_told(camera: dict[str, Any]) -> Intrinsics | None:
     if "distortion" in given:
         given["distortion"] = tuple(given["distortion"])
     return Intrinsics(**values, **given)
+
+
+def map_told(hello: dict[str, Any]) -> PanelMap | None:
+    """The daemon's map; None where it has none. Raises KeyError, TypeError, ValueError."""
+    if hello.get("map") is None:
+        return None
+    return {
+        int(marker_id): MapPanel(
+            map_from_marker=transform(
+                matrix_from_quaternion(np.array(panel["quaternion_wxyz"])), np.array(panel["position_m"])
+            ),
+            side_m=panel["side_m"],
+        )
+        for marker_id, panel in hello["map"].items()
+    }

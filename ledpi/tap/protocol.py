@@ -12,11 +12,11 @@ MAX_REQUEST_BYTES = 4096  # of a line that a client sends, its end included
 MIN_SECONDS, MAX_SECONDS = 1.0, 600.0  # that `record` takes at once
 MAX_ID_LENGTH = 64
 
-Do = Literal["picture", "config", "save", "record", "record_stop", "takes", "take", "take_delete"]
+Do = Literal["picture", "config", "save", "record", "record_stop", "takes", "take", "take_delete", "reload"]
 Extra = Literal["rejected", "evidence"]
 RequestId: TypeAlias = int | str | None
 # What changes or reads files, and is not permitted to everybody.
-COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop", "takes", "take", "take_delete")
+COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop", "takes", "take", "take_delete", "reload")
 NAMED: tuple[Do, ...] = ("save", "record")  # in a hello: whoever may `record` may do the others
 
 _KEYS: dict[Do, set[str]] = {
@@ -28,6 +28,7 @@ _KEYS: dict[Do, set[str]] = {
     "takes": set(),
     "take": {"name", "offset"},
     "take_delete": {"name"},
+    "reload": set(),
 }
 
 

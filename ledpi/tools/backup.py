@@ -1,7 +1,7 @@
-"""All that makes an installation this robot's own, in a file: configuration, lens, map, dictionary, udev rule.
+"""All that makes an installation this robot's own, in a file: configurations, what they name, the udev rule.
 
-A zip archive: `ledpi-backup.json` says its version and what each other file in it is. How single panels blink is in the
-configuration (`panels.overrides`).
+A zip archive: `ledpi-backup.json` says its version, what each other file in it is, and which units were enabled. How
+single panels blink is in the configuration (`panels.overrides`).
 """
 
 from __future__ import annotations
@@ -12,32 +12,40 @@ import lzma
 import os
 import re
 import struct
+import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ledpi import __version__
 from ledpi.config.check import mistakes_in
+from ledpi.config.named_files import CERTIFICATES, DICTIONARY, LENS, MAP, NamedFile, meant, named_files, passwords
 from ledpi.config.settings import sections
 from ledpi.core.errors import ConfigError
-from ledpi.core.files import MAX_TEXT_BYTES, parse_yaml, read_bytes
+from ledpi.core.files import MAX_TEXT_BYTES, parse_json, parse_yaml, read_bytes
 from ledpi.core.wording import one_line, shortened_name
-from ledpi.markers.dictionaries import is_file
+from ledpi.markers.dictionaries import FILE_ENDINGS
+from ledpi.tap.of_config import CAMERAS, OF_ONE_CAMERA
+from ledpi.tools.calibrate.files import check_writable
 from ledpi.tools.own_rule import foreign_line
 
 VERSION = 1  # of the archive's form
 CONTENTS = "ledpi-backup.json"
 RULES = Path("/etc/udev/rules.d")
 CALIBRATION = Path("/var/lib/ledpi")  # made by scripts/install
-CONFIG, LENS, MAP, DICTIONARY, RULE = "configuration", "lens", "map", "dictionary", "udev rule"
-KINDS = (LENS, MAP, DICTIONARY, RULE, CONFIG)  # in the order in which they are put back: what names the others, last
-KEYS = {LENS: "camera.intrinsics", MAP: "map", DICTIONARY: "panels.dictionary"}
-MOST_FILES = len(KINDS)  # one of each
-MAX_BYTES = MOST_FILES * MAX_TEXT_BYTES
-
+UNITS = Path("/etc/systemd/system")  # where `systemctl enable` puts its links
+CONFIG, RULE = "configuration", "udev rule"
+# In the order in which they are put back: what names the others, last.
+KINDS = (LENS, MAP, DICTIONARY, CERTIFICATES, RULE, CONFIG)
+EXAMPLE = "config.example.yaml"  # of scripts/install
+MOST_FILES = 64
+MAX_BYTES = 8 * MAX_TEXT_BYTES  # of all of them: unpacked, and packed
+# Unpacked piece by piece. Of bzip2 and LZMA zipfile unpacks 4 kB at once, which may be gigabytes.
+_BOUNDED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_UNIT = re.compile(r"ledpi(-view|-bridge)?(@[A-Za-z0-9_-]{1,80})?")
 
 # What zipfile and json raise for an archive that is none: one that is locked, or packed in a way of its own, too.
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, ValueError, KeyError, TypeError, AttributeError, EOFError,
@@ -48,142 +56,231 @@ class Kept(NamedTuple):
     """One file of it."""
 
     kind: str
-    path: str  # as the configuration writes it; of the configuration "", of a udev rule its name
+    path: str  # as the configuration writes it; of the configuration "", of another camera's and of a rule its name
     content: bytes
 
 
 class Backup(NamedTuple):
-    """Which version of ledpi made it, when (UTC), and its files."""
+    """Which version of ledpi made it, when (UTC), the units that were enabled, and its files."""
 
     made_by: str
     made: str
+    units: list[str]
     files: list[Kept]
+
+    def configurations(self) -> Iterator[tuple[Kept, dict[str, Any]]]:
+        """Each with what it says, which may be anything. Raises ConfigError where one is no YAML."""
+        for kept in self.files:
+            if kept.kind == CONFIG:
+                text = kept.content.decode("utf-8-sig", "replace")
+                raw = parse_yaml(text, f"{kept.path or OF_ONE_CAMERA} in the backup", ConfigError)
+                yield kept, raw if isinstance(raw, dict) else {}
 
 
 def collect(file: Path) -> list[Kept]:
-    """The files of the configuration at `file`. Raises ConfigError where it, or a file that it names, is wrong."""
-    if mistakes := mistakes_in(file):
-        raise ConfigError("; ".join(mistakes))
-    kept = [Kept(CONFIG, "", read_bytes(file, ConfigError))]
-    for kind, path in _named(sections(file)):
-        kept.append(Kept(kind, path, read_bytes(_beside(file, path), ConfigError)))
+    """The files of the configuration at `file`; of the service's, those of the other cameras' too.
+
+    Raises ConfigError where one of them is wrong.
+    """
+    kept: dict[tuple[str, str], Kept] = {}
+    for each in (file, *_other_cameras(file)):
+        if mistakes := mistakes_in(each):
+            raise ConfigError("; ".join(mistakes))
+        name = "" if each == file else each.name
+        kept[CONFIG, name] = Kept(CONFIG, name, read_bytes(each, ConfigError))
+        for named in named_files(sections(each)):
+            if _is_ours(at := meant(file, named.path), file):
+                kept[named.kind, named.path] = Kept(named.kind, named.path, read_bytes(at, ConfigError))
     rules = [Kept(RULE, rule.name, read_bytes(rule, ConfigError)) for rule in sorted(RULES.glob("*-ledpi.rules"))]
-    return kept + [rule for rule in rules if foreign_line(rule.content) is None][-1:]
+    return [*kept.values(), *[rule for rule in rules if foreign_line(rule.content) is None][-1:]]
 
 
-def rules_left_out(files: Sequence[Kept]) -> list[Path]:
-    """The udev rules here that `collect` did not take: with lines of other people's, or one of several."""
-    taken = {file.path for file in files if file.kind == RULE}
-    return [rule for rule in sorted(RULES.glob("*-ledpi.rules")) if rule.name not in taken]
+def left_out(file: Path, files: Sequence[Kept]) -> Iterator[str]:
+    """A line for each file that `collect` did not take, and a robot has."""
+    taken = {(kept.kind, kept.path) for kept in files}
+    for each in (file, *_other_cameras(file)):
+        raw = sections(each)
+        for named in named_files(raw):
+            if (named.kind, named.path) not in taken:
+                only = f"`ledpi restore` writes only below {file.absolute().parent} and {CALIBRATION}"
+                yield f"{meant(file, named.path)} ({named.key}): is not in the backup, as {only}; keep it yourself"
+        for key, path in passwords(raw):
+            yield f"{meant(file, path)} ({key}): no password is in a backup; keep it yourself"
+    places = {meant(file, kept.path) for kept in files}
+    for each in _beside() if file.absolute() == CAMERAS / OF_ONE_CAMERA else ():
+        if each not in places:
+            yield f"{each}: is not in the backup: no configuration names it, and as one it has mistakes"
+    for rule in sorted(RULES.glob("*-ledpi.rules")):
+        if (RULE, rule.name) not in taken:
+            yield f"{rule}: is not in the backup, as it is not ledpi's own udev rule with your values; keep it yourself"
+    for changed in sorted(UNITS.glob("ledpi*.service.d/*")):
+        yield f"{changed}: what you have changed of a unit is not in the backup; keep it yourself"
 
 
-def pack(files: Sequence[Kept]) -> bytes:
-    """The archive."""
+def enabled_units() -> list[str]:
+    """Those of ledpi that start with this machine, by systemd's links."""
+    names = {link.name.removesuffix(".service") for link in UNITS.glob("*.wants/ledpi*.service")}
+    return sorted(name for name in names if _UNIT.fullmatch(name))
+
+
+def is_service(file: Path) -> bool:
+    """Tells whether a unit reads this configuration."""
+    return file.absolute().parent == CAMERAS
+
+
+def _other_cameras(file: Path) -> list[Path]:
+    """Beside the service's configuration, those of ledpi@NAME: what else lies there, as a lens, is none."""
+    if file.absolute() != CAMERAS / OF_ONE_CAMERA:
+        return []
+    return [each for each in _beside() if not mistakes_in(each, with_files=False)]
+
+
+def _beside() -> list[Path]:
+    return [each for each in sorted(CAMERAS.glob("*.yaml")) if each.name not in (OF_ONE_CAMERA, EXAMPLE)]
+
+
+def pack(files: Sequence[Kept], units: Sequence[str]) -> bytes:
+    """The archive. Raises ConfigError where it would be larger than `unpack` reads."""
     out = io.BytesIO()
     contents = []
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         for number, kept in enumerate(files):
-            name = f"{number}-{Path(kept.path).name or 'config.yaml'}"
+            name = f"{number}-{Path(kept.path).name or OF_ONE_CAMERA}"
             contents.append({"name": name, "kind": kept.kind, "path": kept.path})
             archive.writestr(name, kept.content)
         made = datetime.now(timezone.utc).isoformat(timespec="seconds")
-        head = {"ledpi_backup": VERSION, "ledpi": __version__, "made": made, "files": contents}
+        head = {"ledpi_backup": VERSION, "ledpi": __version__, "made": made, "units": [*units], "files": contents}
         archive.writestr(CONTENTS, json.dumps(head, indent=1))
+    if len(files) > MOST_FILES or sum(len(kept.content) for kept in files) > MAX_BYTES:
+        raise ConfigError(f"{len(files)} files: must be at most {MOST_FILES}, of {MAX_BYTES:,} bytes together")
     return out.getvalue()
 
 
-def unpack(path: Path) -> Backup:
-    """Reads an archive, whole. Raises ConfigError where it is none, or of a newer version."""
-    data = read_bytes(path, ConfigError, MAX_BYTES)
+def unpack(data: bytes, where: object) -> Backup:
+    """Reads an archive, whole. Raises ConfigError, which begins with `where`, if it is none, or of a newer version."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            head = json.loads(_member(archive, CONTENTS))
+            head = parse_json(_member(archive, CONTENTS).decode())
             version = head["ledpi_backup"]
             if version != VERSION:
                 by = f"made by ledpi {shortened_name(head.get('ledpi'))}"
                 has = shortened_name(version)
-                raise ConfigError(f"{path}: is a backup of version {has}, {by}; this ledpi reads version {VERSION}")
+                raise ConfigError(f"{where}: is a backup of version {has}, {by}; this ledpi reads version {VERSION}")
             by, made = (one_line(shortened_name(head[key])) for key in ("ledpi", "made"))
-            return Backup(by, made, list(_files(archive, head["files"])))
+            units = [str(unit) for unit in head.get("units", [])][:MOST_FILES]
+            if not all(map(_UNIT.fullmatch, units)):
+                raise ValueError
+            return Backup(by, made, units, list(_files(archive, head["files"])))
     except _BROKEN:
-        raise ConfigError(f"{path}: is no whole backup; must be a file that `ledpi backup` wrote") from None
+        raise ConfigError(f"{where}: is no whole backup; must be a file that `ledpi backup` wrote") from None
+
+
+def to_write(backup: Backup, file: Path, where: object) -> list[tuple[Path, Kept]]:
+    """Returns what is other than it is here, and where it goes, if the configuration is `file`.
+
+    Raises ConfigError, which begins with `where`, if anything that would be restored is wrong or cannot be written.
+    """
+    found = targets(backup, file)
+    _check(backup, where)
+    changed = [(to, kept) for to, kept in found if not to.is_file() or read_bytes(to, ConfigError) != kept.content]
+    for to, _ in changed:
+        if not to.parent.is_dir():
+            raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")
+    check_writable(*(to for to, _ in changed))
+    return changed
+
+
+def _check(backup: Backup, where: object) -> None:
+    """Raises ConfigError where what is restored would be wrong: tried in a folder of its own."""
+    with tempfile.TemporaryDirectory(prefix="ledpi-restore-") as name:
+        tried: dict[tuple[str, str], Path] = {}
+        for number, file in enumerate(backup.files):
+            ending = next(filter(file.path.endswith, FILE_ENDINGS), ".yaml")
+            at = tried[file.kind, file.path] = Path(name) / f"{number}-{file.kind}{ending}"
+            at.write_bytes(file.content)
+        (password := Path(name) / "password").write_text("no password is in a backup")
+        password.chmod(0o600)
+        for config, raw in backup.configurations():
+            overrides = [f"{key}={password}" for key, _ in passwords(raw)]
+            for each in named_files(raw):
+                if (each.kind, each.path) in tried:
+                    overrides.append(f"{each.key}={tried[each.kind, each.path]}")
+            if mistakes := mistakes_in(tried[config.kind, config.path], overrides):
+                raise ConfigError(f"{where}: {'; '.join(mistakes).replace(f'{name}/', '')}")
 
 
 def targets(backup: Backup, file: Path) -> list[tuple[Path, Kept]]:
-    """Returns where each file goes, if the configuration is `file`; the configuration last.
+    """Returns where each file goes, if the configuration is `file`; the configurations last.
 
-    The configuration inside says so, not the archive's own list: a lens goes where that says that a lens is. Raises
-    ConfigError where that is outside of its folder, and for a file that it does not name.
+    The configurations inside say so, not the archive's own list: a lens goes where one of them says that a lens is.
+    Raises ConfigError where that is outside of its folder, and for a file that none names, or a place that two have.
     """
-    (config,) = (kept for kept in backup.files if kept.kind == CONFIG)
-    raw = parse_yaml(config.content.decode("utf-8-sig", "replace"), f"{file}, from the backup", ConfigError)
-    named = _paths(raw if isinstance(raw, dict) else {})
-    return sorted(
-        ((_target(kept, file, named), kept) for kept in backup.files), key=lambda one: KINDS.index(one[1].kind)
-    )
+    named = [each for _, raw in backup.configurations() for each in named_files(raw)]
+    found: dict[Path, tuple[Path, Kept]] = {}
+    for kept in sorted(backup.files, key=lambda one: KINDS.index(one.kind)):
+        to = _target(kept, file, named)
+        _, first = found.setdefault(Path(os.path.realpath(to.parent)) / to.name, (to, kept))
+        if first.content != kept.content:
+            raise ConfigError(f"{to}: is two files of the backup, {first.kind} and {kept.kind}; must be one")
+    return list(found.values())
 
 
-def _target(kept: Kept, file: Path, named: Mapping[str, str]) -> Path:
+def _target(kept: Kept, file: Path, named: Sequence[NamedFile]) -> Path:
     if kept.kind == CONFIG:
-        return file
+        return file.absolute().parent / kept.path if kept.path else file
     if kept.kind == RULE:
         if (line := foreign_line(kept.content)) is not None:
             raise ConfigError(
                 f"{kept.path}: line {line} is not of ledpi's own udev rule; put it there by hand if it is yours"
             )
         return RULES / kept.path
-    path = named.get(kept.kind)
-    if path is None or path != kept.path:
+    key = next((each.key for each in named if (each.kind, each.path) == (kept.kind, kept.path)), None)
+    if key is None:
         raise ConfigError(
             f"{shortened_name(kept.path)}: is in the backup, but its configuration names no such {kept.kind}"
         )
-    to, folders = _beside(file, path), (file.absolute().parent, CALIBRATION)
-    if not any(Path(os.path.realpath(to.parent)).is_relative_to(os.path.realpath(folder)) for folder in folders):
-        where = f"below {folders[0]} or {CALIBRATION}"
+    to = meant(file, kept.path)
+    if not _is_ours(to, file):
+        where = f"below {file.absolute().parent} or {CALIBRATION}"
         raise ConfigError(
-            f"{KEYS[kept.kind]}: {shortened_name(path)} in the backup: must be {where}; nothing is written elsewhere"
+            f"{key}: {shortened_name(kept.path)} in the backup: must be {where}; nothing is written elsewhere"
         )
     return to
 
 
+def _is_ours(to: Path, file: Path) -> bool:
+    """Tells whether `restore` writes there."""
+    folder = Path(os.path.realpath(to.parent))
+    return any(folder.is_relative_to(os.path.realpath(each)) for each in (file.absolute().parent, CALIBRATION))
+
+
 def _files(archive: zipfile.ZipFile, contents: list[dict[str, Any]]) -> Iterator[Kept]:
-    kinds = [one["kind"] for one in contents]
-    if len(contents) > MOST_FILES or CONFIG not in kinds or len(set(kinds)) < len(kinds):
+    named = [(one["kind"], one["path"]) for one in contents]
+    if len(contents) > MOST_FILES or (CONFIG, "") not in named or len(set(named)) < len(named):
         raise ValueError
+    if sum(kind == RULE for kind, _ in named) > 1:
+        raise ValueError
+    left = MAX_BYTES
     for one in contents:
         kind, path = one["kind"], one["path"]
         if kind not in KINDS or not isinstance(path, str) or "\0" in path:
             raise ValueError
         if kind == RULE and not re.fullmatch(r"[A-Za-z0-9_-]{1,40}-ledpi\.rules", path):
             raise ValueError
-        yield Kept(kind, path, _member(archive, one["name"]))
+        if kind == CONFIG and path and not re.fullmatch(r"[A-Za-z0-9_-]{1,60}\.yaml", path):
+            raise ValueError
+        kept = Kept(kind, path, _member(archive, one["name"]))
+        left -= len(kept.content)
+        if left < 0:
+            raise ValueError
+        yield kept
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> bytes:
+    if archive.getinfo(name).compress_type not in _BOUNDED:
+        raise ValueError
     with archive.open(name) as member:  # which checks the CRC at its end
         content = member.read(MAX_TEXT_BYTES + 1)
     if len(content) > MAX_TEXT_BYTES:
         raise ValueError
     return content
-
-
-def _named(raw: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Kind and path of each file that a right configuration names, as it is written there."""
-    camera, panels = raw.get("camera") or {}, raw.get("panels") or {}
-    words = panels.get("dictionary", "")
-    named = {LENS: camera.get("intrinsics"), MAP: raw.get("map"), DICTIONARY: words if is_file(words) else None}
-    yield from ((kind, path) for kind, path in named.items() if path is not None)
-
-
-def _paths(raw: dict[str, Any]) -> dict[str, str]:
-    """As `_named`, of a configuration that may hold anything."""
-    whole = {key: part for key, part in raw.items() if isinstance(part, dict) or key == "map"}
-    try:
-        return {kind: path for kind, path in _named(whole) if isinstance(path, str)}
-    except (TypeError, AttributeError):
-        return {}
-
-
-def _beside(file: Path, path: str) -> Path:
-    """Returns what the configuration `file` means by `path`."""
-    return file.absolute().parent / os.path.expanduser(path)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ledpi.config.values import is_ip
+from ledpi.core.errors import LedpiError
 
 MAX_BODY_BYTES = 4096
+MAX_UPLOAD_BYTES = {"/api/restore": 2_097_152}  # of a backup, as `ledpi restore` reads it
 METRICS = "/metrics"
 TELLS = ("/api/", METRICS)  # what is more than the page itself
 _SAME = ("same-origin", "none")  # of Sec-Fetch-Site: the page itself, or an address that a person has typed
@@ -28,6 +31,10 @@ HEADERS = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
     "Cache-Control": "no-store",
 }
+
+
+class NotOfferedError(LedpiError):
+    """A change that this page does not make."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,8 +56,8 @@ class Guard:
         """Why a request is not answered; None if it is. `headers`: names in lower case."""
         return (
             self._host(headers.get("host", ""))
-            or _body(headers)
-            or (_site(headers) if path.startswith(TELLS) else None)
+            or _body(path, headers)
+            or (self._site(headers) if path.startswith(TELLS) else None)
             or (self._secret(path, headers) if path.startswith(TELLS) else None)
         )
 
@@ -63,6 +70,14 @@ class Guard:
         called = name[:60] or "a host without a name"
         says = f"this is not {called}; must be {known}, or this machine's IP address; view.hosts adds names"
         return Refusal(status=421, says=says)
+
+    def _site(self, headers: Mapping[str, str]) -> Refusal | None:
+        """Another site's page, as the browser says: by what it is to this one, or, older ones, by its address."""
+        origin = headers.get("origin", "").rpartition("/")[2]
+        foreign = origin and self._host(origin) is not None
+        if headers.get("sec-fetch-site", "none") in _SAME and not foreign:
+            return None
+        return Refusal(status=403, says="another site's page has asked; must be this page itself")
 
     def _secret(self, path: str, headers: Mapping[str, str]) -> Refusal | None:
         """On this machine's own address, too: its other users are kept from the tap, and so from its pictures."""
@@ -79,26 +94,20 @@ def metrics_token(token: str) -> str:
     return hmac.new(token.encode(), METRICS.encode(), hashlib.sha256).hexdigest()[:32]
 
 
-def _site(headers: Mapping[str, str]) -> Refusal | None:
-    if headers.get("sec-fetch-site", "none") in _SAME:
-        return None
-    return Refusal(status=403, says="another site's page has asked; must be this page itself")
-
-
-def _body(headers: Mapping[str, str]) -> Refusal | None:
+def _body(path: str, headers: Mapping[str, str]) -> Refusal | None:
     if "transfer-encoding" in headers:
         return Refusal(status=411, says="a body must come with its Content-Length")
     length = headers.get("content-length", "0")
     if not (length.isascii() and length.isdigit()):
         return Refusal(status=400, says="Content-Length must be a whole number")
-    if len(length) > 9 or int(length) > MAX_BODY_BYTES:
-        return Refusal(status=413, says=f"a body must have {MAX_BODY_BYTES} bytes at most")
+    at_most = MAX_UPLOAD_BYTES.get(path, MAX_BODY_BYTES)
+    if len(length) > 9 or int(length) > at_most:
+        return Refusal(status=413, says=f"a body must have {at_most} bytes at most")
     return None
 
 
 def host_of(header: str) -> str:
     """The name or number in a Host header, without port and brackets, in lower case."""
     host = header.strip().lower()
-    if host.startswith("["):
-        return host[1:].partition("]")[0]
-    return host.rpartition(":")[0] if ":" in host else host
+    parts = re.fullmatch(r"(?:\[([^\]]*)\]|([^:\[]*))(?::[0-9]*)?", host)
+    return host if parts is None else parts[1] or parts[2] or ""

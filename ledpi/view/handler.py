@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from ledpi import __version__
-from ledpi.core.errors import TapError
+from ledpi.core.errors import LedpiError, TapError, TransientError
 from ledpi.view.connections import BoundedServer, Hurried
-from ledpi.view.guard import HEADERS, Guard, Refusal
+from ledpi.view.guard import HEADERS, Guard, NotOfferedError, Refusal
 
 JSON, TEXT = "application/json; charset=utf-8", "text/plain; charset=utf-8"
 
@@ -80,8 +80,8 @@ class RequestHandler(BaseHTTPRequestHandler):
             return
         try:
             answer(self, {key: values[-1] for key, values in parse_qs(url.query).items()}, body)
-        except TapError as error:
-            self._refuse(Refusal(status=503, says=str(error)), close=False)
+        except LedpiError as error:
+            self._refuse(Refusal(status=_status(error), says=str(error)), close=False)
         except ValueError as error:
             self._refuse(Refusal(status=400, says=str(error)))
 
@@ -140,6 +140,12 @@ class RequestHandler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Requests are not logged: there are twenty a second."""
+
+
+def _status(error: LedpiError) -> int:
+    if isinstance(error, NotOfferedError):
+        return 403
+    return 503 if isinstance(error, TapError | TransientError) else 400
 
 
 def encoded(values: Any) -> bytes:

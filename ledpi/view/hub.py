@@ -30,7 +30,6 @@ KEPT_HEALTH = 300  # seconds
 KEPT_TRACK = 300  # places of the robot, TRACK_NS apart
 TRACK_NS = 200_000_000
 OLD_MS, GONE_MS = 500.0, 2000.0  # of the robot's last place: it is old, and shown no longer
-SECRET = ("view.token",)  # keys whose values are shown to nobody
 
 _log = logging.getLogger("ledpi.view")
 
@@ -138,16 +137,13 @@ class Hub:
             raise TapError(str(answer.get("error")))
         return answer
 
-    def config(self) -> list[dict[str, Any]]:
-        """Each key of the daemon's configuration, its value, and where that is from. Raises TapError."""
+    def config(self) -> dict[str, tuple[Any, str]]:
+        """The value of each key of the daemon's configuration, and where that is from. Raises TapError."""
         answer = self.ask("config")
         if answer is None:
             raise TapError("the daemon does not answer")
         origins = answer.get("from", {})
-        return [
-            {"key": key, "value": "not shown" if key in SECRET and value else value, "from": origins.get(key, "")}
-            for key, value in sorted(answer.get("values", {}).items())
-        ]
+        return {key: (value, origins.get(key, "")) for key, value in answer.get("values", {}).items()}
 
     # ---- For the thread that follows
 

@@ -8,9 +8,11 @@ over a picture comes in the same answer, and fits; and the token goes in a heade
 
 from __future__ import annotations
 
+import json
 import logging
 import struct
 import time
+from base64 import b64encode
 from importlib import resources
 from typing import Any, ClassVar
 
@@ -21,12 +23,13 @@ from ledpi.view.handler import TEXT, Answers, GuardedServer, RequestHandler, enc
 from ledpi.view.hub import SAVED_S, Hub
 from ledpi.view.metrics import KIND as METRICS
 from ledpi.view.pictures import KINDS
+from ledpi.view.settings import Settings
 from ledpi.view.takes import Takes
 
 WAIT_S = 2.0  # that a question waits for news
 _SCRIPTS = (
     *("main.js", "server.js", "drawing.js", "picture.js", "why_not.js", "light.js"),
-    *("table.js", "map.js", "health.js", "actions.js", "takes.js", "lens.js"),
+    *("table.js", "map.js", "health.js", "actions.js", "takes.js", "lens.js", "settings.js"),
 )
 _FILES = {
     "/": ("index.html", "text/html; charset=utf-8"),
@@ -41,9 +44,9 @@ _log = logging.getLogger("ledpi.view")
 class ViewServer(GuardedServer):
     """Serves one hub."""
 
-    def __init__(self, address: tuple[str, int], guard: Guard, hub: Hub) -> None:
+    def __init__(self, address: tuple[str, int], guard: Guard, hub: Hub, settings: Settings) -> None:
         """Raises OSError where the address cannot be had."""
-        self.guard, self.hub, self.takes = guard, hub, Takes(hub)
+        self.guard, self.hub, self.takes, self.settings = guard, hub, Takes(hub), settings
         self.board: BoardWatch | None = None  # one for all viewers, as there is one camera
         folder = resources.files("ledpi.view") / "static"
         # Read once: no request reaches the file system.
@@ -94,8 +97,32 @@ class Handler(RequestHandler):
         self.send_json(self.server.hub.history())
 
     def answer_config(self, query: dict[str, str], body: bytes) -> None:
-        """The daemon's configuration."""
-        self.send_json(self.server.hub.config())
+        """Each key, and whether it may be changed here."""
+        self.send_json(self.server.settings.told())
+
+    def answer_edit(self, query: dict[str, str], body: bytes) -> None:
+        """Changes a key, or brings back the older file."""
+        try:
+            request = json.loads(body)
+        except (ValueError, RecursionError):
+            request = None
+        if not isinstance(request, dict):
+            raise ValueError("a change must be a JSON object")
+        self.send_json({"says": self.server.settings.change(request)})
+
+    def answer_reload(self, query: dict[str, str], body: bytes) -> None:
+        """Applies the file."""
+        self.server.settings.reload()
+        self.send_json({})
+
+    def answer_backup(self, query: dict[str, str], body: bytes) -> None:
+        """An archive, a few kilobytes."""
+        self.send_content(200, "application/zip", self.server.settings.backup())
+
+    def answer_restore(self, query: dict[str, str], body: bytes) -> None:
+        """Puts one back."""
+        request = {"do": "restore", "archive": b64encode(body).decode()}
+        self.send_json({"says": self.server.settings.change(request)})
 
     def answer_save(self, query: dict[str, str], body: bytes) -> None:
         """Keeps the last seconds."""
@@ -173,6 +200,10 @@ class Handler(RequestHandler):
         ("GET", "/api/take.tar"): answer_take,
         ("GET", "/api/board"): answer_board,
         ("GET", "/api/camera.yaml"): answer_lens,
+        ("GET", "/api/backup"): answer_backup,
+        ("POST", "/api/edit"): answer_edit,
+        ("POST", "/api/restore"): answer_restore,
+        ("POST", "/api/reload"): answer_reload,
         ("POST", "/api/board/start"): answer_board_start,
         ("POST", "/api/board/stop"): answer_board_stop,
         ("POST", "/api/save"): answer_save,

@@ -21,7 +21,6 @@ from ledpi.wire.resets import Resets
 Profile: TypeAlias = Literal["ardupilot", "px4"]
 
 HEARTBEAT_PERIOD_NS = 1_000_000_000  # once a second, as https://mavlink.io/en/services/heartbeat.html says
-SYSTEM_ID = 1  # that of the vehicle, where nobody has changed it: a companion computer is a part of it
 # A fix has jumped where no robot of a room could have moved so far since the last: a step for the noise of a poor fix,
 # and the fastest indoor drones' speeds.
 JUMP_M, JUMP_M_S = 0.5, 10.0
@@ -34,13 +33,16 @@ NED_FROM_ENU = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_FROM_FLU = np.diag([1.0, -1, -1])
 
 
-def load_dialect() -> Any:
-    """pymavlink's module of MAVLink 2's common messages. Raises ConfigError where it is not installed."""
+def load_dialect(key: str = "serial.protocol") -> Any:
+    """pymavlink's module of MAVLink 2's common messages. Raises ConfigError where it is not installed.
+
+    `key`: of the configuration, which asks for it.
+    """
     try:
         from pymavlink.dialects.v20 import common
     except ImportError:
         raise ConfigError(
-            f"serial.protocol: mavlink needs pymavlink, which is not installed: {install_command('mavlink')}"
+            f"{key}: mavlink needs pymavlink, which is not installed: {install_command('mavlink')}"
         ) from None
     return common
 
@@ -48,11 +50,16 @@ def load_dialect() -> Any:
 class Mavlink:
     """Encodes what an Outbox gives. Holds the packets' number, and the last fix to see where one has jumped."""
 
-    def __init__(self, *, base_link_from_camera: Floats, profile: Profile, resets: Resets | None = None) -> None:
-        """`resets`: where jumps are counted, also those of others before. Raises ConfigError without pymavlink."""
+    def __init__(
+        self, *, base_link_from_camera: Floats, profile: Profile, system: int = 1, resets: Resets | None = None
+    ) -> None:
+        """`system`: the vehicle's, of which we are a part. `resets`: where jumps are counted, also those before.
+
+        Raises ConfigError without pymavlink.
+        """
         self._dialect = load_dialect()
         component = self._dialect.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
-        self._packer: Any = self._dialect.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=component)
+        self._packer: Any = self._dialect.MAVLink(None, srcSystem=system, srcComponent=component)
         self._frd_from_camera = FRD_FROM_FLU @ base_link_from_camera[:3]
         self._profile = profile
         self._last_fix: tuple[int, Floats, Floats] | None = None  # when in µs, position, rotation

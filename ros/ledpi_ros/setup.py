@@ -10,7 +10,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", ["launch/ledpi.launch.py"]),
-        (f"share/{NAME}/config", ["config/ledpi.yaml"]),
+        (f"share/{NAME}/config", ["config/ledpi.yaml", "config/nav2_docking.yaml"]),
     ],
     install_requires=["setuptools", "ledpi"],
     zip_safe=True,

@@ -1,4 +1,4 @@
-"""Parts of tests and benchmarks: painted and rendered frames, real processes, emulated microcontrollers."""
+"""Parts of tests and evaluation: painted and rendered frames, real processes, emulated microcontrollers."""
 
 from __future__ import annotations
 

@@ -8,6 +8,18 @@ from pathlib import Path
 
 import pytest
 
+AUTHORITY = """\
+-----BEGIN CERTIFICATE-----
+MIIBcDCCARegAwIBAgIUO2w49amz4bZaIFLi3yNORCWvKd0wCgYIKoZIzj0EAwIw
+DTELMAkGA1UEAwwCY2EwIBcNMjYxMTI5MTAyNjU5WhgPMjEyNjExMDUxMDI2NTla
+MA0xCzAJBgNVBAMMAmNhMFkwEwYHKoZIzj0CAQYIKoZIzj0DAQcDQgAEBZg+UU5s
+HfBRbtmOyVLtYmLvQq/Ce7Qoymy7XEkuJh9+DmsevEpOjH/jZXznaQl/VRxlye91
+IUAc6YJnckaIp6NTMFEwHQYDVR0OBBYEFB/oagcU4zwFy2+l504L3K+1z7wnMB8G
+A1UdIwQYMBaAFB/oagcU4zwFy2+l504L3K+1z7wnMA8GA1UdEwEB/wQFMAMBAf8w
+CgYIKoZIzj0EAwIDRwAwRAIgNFF/auUuATwuT8R6YK9ky+BfWiTmPYAD3vD23OFw
+A3cCIBCJSE3Zi6aHnjf9e8IlzSbq5moNzW17TisPfPog3wh3
+-----END CERTIFICATE-----
+"""  # of a certificate's form
 needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="not installed: openssl")
 
 

@@ -134,6 +134,8 @@ class MadeUpDaemon:
             end.close()
         for thread in self._threads:
             thread.join(2.0)
+        for client in self._clients:  # one that was let in meanwhile
+            client.close()
 
     def asked(self, do: str) -> list[dict[str, Any]]:
         """The requests of a kind so far."""

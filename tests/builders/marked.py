@@ -1,10 +1,10 @@
-"""A program that marks stretches of itself (benchmarks/speed/counting.py), and what must be counted of it."""
+"""A program that marks stretches of itself (evaluation/speed/counting.py), and what must be counted of it."""
 
 from __future__ import annotations
 
 # Marks two stretches, the second ten times as long, and none of what is before, between and after.
 PROGRAM = """
-from benchmarks.speed.counting import mark
+from evaluation.speed.counting import mark
 def count(steps):
     for _ in range(steps):
         pass

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
+from ledpi.config.documentation import documented
 from ledpi.config.panels import PanelOverride
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import ConfigError
@@ -32,11 +33,11 @@ def rows_of(text: str, columns: int) -> list[list[str]]:
     return [cells for cells in lines if len(cells) == columns and cells[0].startswith("`")]
 
 
-KEYS = {cells[0].strip("`"): cells for cells in rows_of(page("docs/configuration.md"), 5)}
+KEYS = documented()
 RANGES = {
     key: (float(found[1]), float(found[2]))
-    for key, cells in KEYS.items()
-    if (found := re.match(r"(-?[\d.]+) to (-?[\d.]+)(?!.* each)", cells[3])) is not None
+    for key, row in KEYS.items()
+    if (found := re.match(r"(-?[\d.]+) to (-?[\d.]+)(?!.* each)", row.allowed)) is not None
 }
 
 
@@ -50,14 +51,15 @@ def test_every_key_is_on_its_page() -> None:
 def test_the_defaults_on_the_page_are_those_of_the_file() -> None:
     """As YAML; the one key without a default has none."""
     shipped = written_values(yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8")))
-    told: dict[str, Any] = {key: yaml.safe_load(cells[2].strip("`")) for key, cells in KEYS.items()}
+    told: dict[str, Any] = {key: yaml.safe_load(row.default) for key, row in KEYS.items()}
     assert told.pop("panels.side_m") == "none"
     assert told == {key: value for key, value in shipped.items() if key != "panels.side_m"}
 
 
 def test_every_key_has_a_meaning_or_a_range() -> None:
-    """No row is left empty."""
-    assert [key for key, cells in KEYS.items() if not (cells[4] or cells[3])] == []
+    """No row is left empty, and the live page shows it without marks of Markdown."""
+    assert [key for key, row in KEYS.items() if not (row.meaning or row.allowed)] == []
+    assert [key for key, row in KEYS.items() if re.search(r"`|\]\(|\*", "".join(row))] == []
 
 
 def given(key: str, value: float) -> Config:

@@ -128,6 +128,12 @@ def test_imports_go_one_way() -> None:
     assert upwards == set()
 
 
+def test_what_is_installed_does_without_what_is_not() -> None:
+    """Neither tests nor evaluation/ are in the wheel."""
+    modules = members("ledpi.")
+    assert breaches(modules, {"evaluation", "tests"}) == []
+
+
 def test_every_package_has_its_layer() -> None:
     """Nothing lies loose beside them but what Python asks for."""
     folder = ROOT / "ledpi"

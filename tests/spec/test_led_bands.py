@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import led_bands as bench
+from evaluation.accuracy import led_bands as bench
 from tests.builders.lamp import photographed_lamp
 
 FREQUENCIES = [500.0, 700.0, 800.0, 1000.0, 1500.0, 2000.0, 2500.0, 3000.0]

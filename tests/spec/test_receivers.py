@@ -16,7 +16,7 @@ from cobs import cobs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.endurance.receivers import corrupted_stream, faults, received_in_python
+from evaluation.endurance.receivers import corrupted_stream, faults, received_in_python
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage, WirePose
 from ledpi.wire.codec import decode, encode
 from tests.builders.receiver import HEADER, ROOT, STRICT, Received, needs_gcc, received_in_c
@@ -52,7 +52,7 @@ def test_what_the_page_rejects_is_rejected_for_that_reason(vector: RejectedVecto
 def test_a_corrupted_stream_gives_the_whole_frames_and_no_other() -> None:
     """Gives both receivers what is byte for byte a frame that was sent, and no more; they count alike.
 
-    The long form is `benchmarks/endurance/receivers.py`: ten million bytes.
+    The long form is `evaluation/endurance/receivers.py`: ten million bytes.
     """
     stream, whole = corrupted_stream(300_000, random.Random(6))
     assert len(whole) > 1000

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from evaluation.suites.conditions import Condition
+from evaluation.suites.draw import draw_take
 from ledpi.config.settings import load_config
 from ledpi.core.records import Floats
 from ledpi.core.row_clock import RowClock
@@ -19,8 +21,6 @@ from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.trajectory import Still
-from ledpi.tools.evaluate.conditions import Condition
-from ledpi.tools.evaluate.draw import draw_take
 from ledpi.tools.evaluate.reading import PanelReader
 
 PANELS = load_config(None, ("panels.side_m=0.16",)).panels

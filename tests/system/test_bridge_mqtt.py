@@ -7,6 +7,7 @@ import shutil
 import socket
 import subprocess
 import threading
+import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,9 +16,10 @@ from typing import Any
 
 import pytest
 
+from ledpi.config.outputs import OutputSettings
 from tests.builders import ROOT
 from tests.builders.bridges import LEDPI, MOSQUITTO, PASSWORD, Mqtt, Secure, bridge, secrets
-from tests.builders.made_up_daemon import MadeUpDaemon
+from tests.builders.made_up_daemon import HELLO, MadeUpDaemon, decoded
 from tests.builders.waiting import limit_s, wait_until
 
 pytestmark = pytest.mark.skipif(
@@ -226,9 +228,13 @@ def test_robots_on_one_broker_are_told_apart(daemon: MadeUpDaemon, folder: Path)
     topic = f"ledpi/{own}"
     far.start()
     try:
-        far._subscriber.publish(f"{topic}/setup", '{"host": "other"}', retain=True)
-        wait_until(lambda: far.messages)
         values = {"kind": "mqtt", "host": "127.0.0.1", "port": far.port}
+        with bridge(values, folder / "tap.sock", folder) as running:
+            wait_until(lambda: f"{topic}/setup" in [name for name, _, _ in far.messages])
+            far._subscriber.publish(f"{topic}/setup", json.dumps({"host": own}))
+            wait_until(lambda: f"of a machine that is named {own} too" in running.log)
+        far._subscriber.publish(f"{topic}/setup", '{"host": "other"}', retain=True)
+        wait_until(lambda: b'{"host": "other"}' in [data for _, data, _ in far.messages])
         with bridge(values, folder / "tap.sock", folder) as running:
             told = {f"{topic}/{what}" for what in ("setup", "frame", "health")}
             wait_until(lambda: told <= {name for name, data, _ in far.messages if json.loads(data).get("host") == own})
@@ -237,6 +243,34 @@ def test_robots_on_one_broker_are_told_apart(daemon: MadeUpDaemon, folder: Path)
         far.close()
     with answering(b"\x20\x02\0\2") as port:
         assert "the broker refuses the client identifier; set client_id" in refusal(values | {"port": port}, folder)
+
+
+@pytest.mark.slow
+def test_twenty_robots_on_one_broker_stay_apart(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each frame is under its robot's name and says it; nobody is taken for another one and thrown out."""
+    from ledpi.bridge.mqtt import MqttTarget
+
+    far, robots = Mqtt(folder), [f"robot{number}" for number in range(20)]
+    far.start()
+    targets = []
+    try:
+        for number, robot in enumerate(robots):
+            monkeypatch.setattr(socket, "gethostname", lambda robot=robot: robot)
+            targets.append(MqttTarget(OutputSettings(kind="mqtt", host="127.0.0.1", port=far.port)))
+            targets[-1].open()
+            targets[-1].tell_setup(HELLO)
+            assert targets[-1].send(decoded(number), time.monotonic_ns())
+
+        def frames() -> dict[str, tuple[str, int]]:
+            told = {name: json.loads(data) for name, data, _ in list(far.messages) if name.endswith("/frame")}
+            return {name: (line["host"], line["seq"]) for name, line in told.items()}
+
+        wait_until(lambda: len(frames()) == len(robots), meanwhile=lambda: [target.tick() for target in targets])
+        assert frames() == {f"ledpi/{robot}/frame": (robot, number) for number, robot in enumerate(robots)}
+    finally:
+        for target in targets:
+            target.close()
+        far.close()
 
 
 @pytest.mark.slow

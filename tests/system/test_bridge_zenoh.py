@@ -46,7 +46,7 @@ def meet(sample):
 
     def hear(sample):
         message = text(types.deserialize_cdr(bytes(sample.payload), name))
-        line = json.dumps({"topic": topic, "type": name, "node": node, "message": message})
+        line = json.dumps({"topic": topic, "type": name, "node": f"{namespace}/{node}", "message": message})
         sys.stdout.write(line + "\\n")  # at once: each topic has a thread of its own
         sys.stdout.flush()
 
@@ -63,7 +63,8 @@ time.sleep(1e6)
 @pytest.mark.slow
 def test_a_tool_finds_every_topic_by_what_the_bridge_tells_of_itself(tmp_path: Path) -> None:
     """As `ros2 topic list` does: by liveliness tokens, with ROS 2's own types, their hashes and the node's name."""
-    port, wanted = free_port(), {"/tf", "/ledpi/panel_7", "/diagnostics"}
+    port, own = free_port(), {"/robot1/ledpi/panel_7", "/robot1/detected_dock_pose"}
+    wanted = {*own, "/tf", "/diagnostics"}
     command = [sys.executable, "-c", PARTICIPANT, str(port)]
     participant = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     assert participant.stdout is not None
@@ -73,7 +74,9 @@ def test_a_tool_finds_every_topic_by_what_the_bridge_tells_of_itself(tmp_path: P
     reader.start()
     daemon_end = MadeUpDaemon(tmp_path / "tap.sock", numbered=True)
     try:
-        with bridge({"kind": "zenoh", "host": "127.0.0.1", "port": port}, tmp_path / "tap.sock", tmp_path):
+        settings = {"kind": "zenoh", "host": "127.0.0.1", "port": port, "topic": "robot1/ledpi"}
+        settings |= {"dock_id": 7, "frame_prefix": "front_"}
+        with bridge(settings, tmp_path / "tap.sock", tmp_path):
             wait_until(lambda: wanted <= {each["topic"] for each in list(heard)})
     finally:
         daemon_end.close()
@@ -81,9 +84,9 @@ def test_a_tool_finds_every_topic_by_what_the_bridge_tells_of_itself(tmp_path: P
         reader.join()
         participant.stdout.close()
         participant.wait()
-    assert {each["node"] for each in heard} == {"ledpi"}
+    assert {each["node"] for each in heard} == {"%robot1/ledpi"}
     last = [each["message"] for each in heard if each["topic"] == "/tf"][-1]
-    assert [transform["child_frame_id"] for transform in last["transforms"]] == ["panel_7"]
+    assert [transform["child_frame_id"] for transform in last["transforms"]] == ["front_panel_7"]
 
 
 @pytest.fixture(

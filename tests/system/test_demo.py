@@ -161,6 +161,17 @@ def test_a_computer_that_is_too_slow_is_reported(
     assert "no pose arrived: this computer is busy, or too slow" in capsys.readouterr().err
 
 
+def test_a_computer_that_is_too_slow_is_told_while_the_demo_runs(demo: ModuleType) -> None:
+    """After 5 s of nothing but dropped poses, once; not where no panel is in view; and again after a pose."""
+    status = [(s, {"message": "status", "packets_dropped": max(0, s - 6) if s < 20 else s}) for s in range(40)]
+    pose = [(25, {"message": "marker"})]
+    pace = demo.Pace()
+    assert [s for s, message in sorted([*status, *pose], key=lambda each: each[0]) if pace.is_too_slow(message, s)] == [
+        7,
+        30,
+    ]
+
+
 @pytest.mark.slow
 def test_a_daemon_that_fails_is_reported(
     demo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

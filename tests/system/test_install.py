@@ -161,8 +161,11 @@ def test_uninstalling_keeps_a_rule_that_was_changed(tmp_path: Path, changed: boo
     rules = tmp_path / "61-ledpi.rules"
     rules.write_text((ROOT / "systemd/61-ledpi.rules").read_text(encoding="utf-8") + "# mine\n" * changed)
     (tmp_path / "home").mkdir()
-    made_up = f"home={tmp_path}/home; command={tmp_path}/ledpi; unit={tmp_path}/unit; rules={rules}; "
-    said = run(made_up + "uninstall")
+    for folder in ("ledpi", "private/ledpi-view-front"):
+        (tmp_path / "states" / folder).mkdir(parents=True)
+    paths = f"home={tmp_path}/home; command={tmp_path}/ledpi; unit={tmp_path}/unit; rules={rules}; "
+    said = run(f"{paths} states={tmp_path}/states; uninstall")
+    assert sorted(path.name for path in (tmp_path / "states").rglob("*")) == ["ledpi", "private"]  # no page's token
     assert (rules.exists(), str(rules) in said, (tmp_path / "home").exists()) == (changed, changed, False)
 
 

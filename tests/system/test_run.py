@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.speed.latency import measure
+from evaluation.speed.latency import measure
 from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import CameraError
@@ -257,7 +257,7 @@ def test_without_a_lens_ids_are_sent_flagged_uncalibrated(tmp_path: Path) -> Non
 @pytest.mark.slow
 def test_a_short_soak(tmp_path: Path) -> None:
     """300 frames through the whole daemon, unpaced. One that kept its frames would grow by 60 MB; 1 MiB is allowed."""
-    command = [sys.executable, "-m", "benchmarks.endurance.soak", "--frames", "300"]
+    command = [sys.executable, "-m", "evaluation.endurance.soak", "--frames", "300"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=limit_s(30))
     assert done.returncode == 0, done.stdout + done.stderr
@@ -270,7 +270,7 @@ def test_a_short_soak(tmp_path: Path) -> None:
 def test_a_pose_leaves_once_it_is_decoded() -> None:
     """Frame ready → first byte takes no longer than decoding and 1 ms; of a busy machine the quicker quarter counts.
 
-    `benchmarks/speed/latency.py` asks that of the 99th percentile, on a machine that has nothing else to do.
+    `evaluation/speed/latency.py` asks that of the 99th percentile, on a machine that has nothing else to do.
     """
     latency = measure(0.4 * slowness(), frames=60, warm_up=20)
     assert latency.packets > 8

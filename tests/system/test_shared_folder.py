@@ -52,6 +52,7 @@ def shared(place: Path) -> Iterator[Path]:
     assert (place / "secret").read_text() == "root's own"
 
 
+@pytest.mark.slow
 def test_a_calibration_follows_no_link(shared: Path) -> None:
     """The files are written as ever, and again and again; what the links lead to stays."""
     for number in range(200):

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ledpi.core.errors import TapError
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tap.client import connect
 from tests.builders.command import complaint, in_process, ledpi
@@ -46,6 +47,7 @@ def _no_client_is_left() -> Iterator[None]:
 # ---- What it tells
 
 
+@pytest.mark.slow
 def test_the_lines_are_those_of_decode(tmp_path: Path) -> None:
     """Frame by frame, to the last digit; only the tap knows when a pose was true on this machine's clock."""
     write_recording(tmp_path / "take", 30)
@@ -131,6 +133,22 @@ def test_a_reload_keeps_the_connection_and_says_hello_again(tmp_path: Path) -> N
     assert after["camera"]["exposure_us"] < before["camera"]["exposure_us"]
     assert after["pid"] == before["pid"]
     assert not path.exists()
+
+
+@pytest.mark.slow
+def test_a_client_hears_what_became_of_a_reload(tmp_path: Path) -> None:
+    """The mistake, or that the new configuration is in force."""
+    config, path = tmp_path / "config.yaml", tmp_path / "tap.sock"
+    text = "panels: {side_m: 0.16}\n" + SIMULATED_YAML
+    config.write_text(text, encoding="utf-8")
+    with daemon(at(path), options=("--config", str(config))), reach(path) as client:
+        config.write_text(text.replace("0.16", "160"), encoding="utf-8")
+        with pytest.raises(TapError, match=r"panels\.side_m: must be in .*; the old configuration stays"):
+            client.ask("reload", limit_s())
+        config.write_text(text.replace("0.16", "0.158"), encoding="utf-8")
+        client.ask("reload", limit_s())
+        assert client.ask("config", limit_s())["values"]["panels.side_m"] == 0.158
+        client.ask("reload", limit_s())  # of the next daemon, too
 
 
 @pytest.mark.slow

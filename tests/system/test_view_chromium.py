@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from ledpi.camera.simulated import simulated_drive, simulated_sensor
+from ledpi.config.check import mistakes_in
 from ledpi.config.settings import load_config
 from ledpi.simulate.scenes import DRIVE_IDS, MAP_FROM_SCENE
 from ledpi.tap.client import Client, connect
@@ -165,13 +166,74 @@ def test_the_configuration_is_shown_with_where_values_are_from(opened: Any, fold
     js(opened, "document.getElementById('config').open = true")
     rows = wait_until(
         lambda: js(
-            opened, "return [...document.querySelectorAll('#keys tr')].map(r => [...r.cells].map(c => c.textContent))"
+            opened,
+            "return [...document.querySelectorAll('#keys li')].map(row => [row.dataset.key, ...row.children].map("
+            "part => part.textContent || part))",
         ),
         "the keys",
     )
-    keys = {key: (value, source) for key, value, source in rows}
+    keys = {key: (value, source) for key, _, value, source, _ in rows}  # and what it means, and no button
     assert keys["map"] == (f"{folder}/markers.yaml", "--set")
     assert keys["panels.black_hz"] == ("1250", "default")
+    assert not opened.find_element("id", "editing").is_displayed()
+
+
+def test_a_key_is_changed_applied_and_undone(chromium: Any, tmp_path: Path) -> None:
+    """A wrong value is refused in the file's words; once the file forbids it, nothing is offered."""
+    file, before = (
+        tmp_path / "config.yaml",
+        "# mine\npanels: {side_m: 0.16}\nserial: {max_age_ms: 95}\nview: {edit: true}\n",
+    )
+    file.write_text(before, encoding="utf-8")
+    row = "document.querySelector('#keys [data-key=\"serial.max_age_ms\"]')"
+
+    def enter(value: str) -> None:
+        field = wait_until(lambda: js(chromium, f"return {row}.querySelector('input')"), "the field")
+        field.clear()
+        field.send_keys(value + "\n")
+
+    def shows(value: str, *, waits: bool) -> None:
+        seen = f"return {row} && !{row}.querySelector('form') && {row}.querySelector('.value').textContent"
+        wait_until(lambda: js(chromium, seen) == value, f"the value {value}")
+        wait_until(
+            lambda: js(chromium, f"return {row}.querySelector('.waits') !== null") is waits, "what the daemon has"
+        )
+
+    def of_daemon() -> Any:
+        with connect(tmp_path / "tap.sock") as tap:
+            return tap.ask("config", limit_s())["values"]["serial.max_age_ms"]
+
+    with ended(start_daemon(tmp_path)), view(tmp_path) as page:
+        wait_until(lambda: _answers(tmp_path), "the daemon")
+        chromium.get("about:blank")
+        chromium.get(page.address)
+        js(chromium, "document.getElementById('config').open = true")
+        shows("95", waits=False)
+        js(chromium, f"{row}.querySelector('button').click()")
+        enter("0")
+        (mistake,) = mistakes_in(file, ["serial.max_age_ms=0"], with_files=False)
+        wrong = f"return {row}.querySelector('.wrong').textContent"
+        wait_until(lambda: js(chromium, wrong) == f"Not done: {mistake}", "what is wrong")
+        enter("90")
+        shows("90", waits=True)
+        assert file.read_text(encoding="utf-8") == before.replace("95", "90")
+        assert of_daemon() == 95
+        chromium.find_element("id", "reload").click()
+        shows("90", waits=False)
+        assert of_daemon() == 90
+        chromium.find_element("id", "undo").click()
+        assert "serial.max_age_ms: 90 → 95" in chromium.switch_to.alert.text
+        chromium.switch_to.alert.accept()
+        shows("95", waits=True)
+        assert file.read_text(encoding="utf-8") == before
+        file.write_text(before.replace("true", "false"), encoding="utf-8")
+        js(chromium, "document.getElementById('config').open = false")
+        js(chromium, "document.getElementById('config').open = true")
+        wait_until(lambda: not js(chromium, "return document.querySelector('#keys button') !== null"), "no buttons")
+        assert not chromium.find_element("id", "editing").is_displayed()
+        chromium.get("about:blank")  # before the page's server ends
+        severe = [entry["message"] for entry in chromium.get_log("browser") if entry["level"] == "SEVERE"]
+        assert [message for message in severe if "status of 400" not in message] == []  # that is the refused value
 
 
 def test_bands_are_amplified(opened: Any) -> None:

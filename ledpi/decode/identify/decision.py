@@ -33,7 +33,7 @@ IMPLAUSIBLE = Rejected(stage="identify", reason="implausible_depth")
 
 # The share of panels showing no codeword, but a pattern two or more cells away from every codeword, that are taken for
 # one: in single frames, at the distance where that is most frequent (`docs/evaluating.md`, How sure an ID is). What it
-# costs is measured by benchmarks/accuracy/false_ids.py. (Of 100,000 frames of decoys a rate ten times as high let one
+# costs is measured by evaluation/accuracy/false_ids.py. (Of 100,000 frames of decoys a rate ten times as high let one
 # be read.)
 FALSE_ID_RATE = 1e-6
 

@@ -45,9 +45,8 @@ void ledpi_panel_put_lit(Fitting *fit, const double h[9], double hidden[4]) {
     for (int k = 0; k < 4; k++) hidden[k] = of[k] == k ? 0.0 : rim[k];
 }
 
-/* By how much residuals of a block that are alike make its mean vary more than if they were independent; each unknown takes
- * one block's mean up. */
-static double inflation_of(const Fitting *fit, const Work *work) {
+/* Each unknown takes one block's mean up. */
+double ledpi_panel_inflation(const Fitting *fit, const Work *work) {
     const ptrdiff_t cells = fit->panel.cells, blocks = cells * cells * BLOCKS * BLOCKS + 4 * cells;
     double of_means = 0.0, of_samples = 0.0, used = 0.0;
     for (ptrdiff_t b = 0; b < blocks; b++) {
@@ -97,7 +96,7 @@ void ledpi_panel_put_slopes(const Fitting *fit, const double h[9], double by[8][
 }
 
 void ledpi_panel_put_covariance(Fitting *fit, const double h[9], Work *work) {
-    const double scale = inflation_of(fit, work);
+    const double scale = ledpi_panel_inflation(fit, work) / fit->inflation;
     double by[8][COMMON];
     ledpi_panel_put_slopes(fit, h, by);
     for (int i = 0; i < 8; i++) ledpi_panel_eliminate_right(fit, work->matrix, by[i]);

@@ -112,7 +112,7 @@ static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
         if (goes_too_far && !last) continue;
         if (goes_too_far) look(fit, h, false, work);
         keep_start(fit, work, &start);
-        if (!ledpi_panel_solve_step(fit, work)) return LEDPI_DIVERGED;
+        if (!ledpi_panel_solve_step(fit, true, work)) return LEDPI_DIVERGED;
         if (last) return LEDPI_FITTED;
         const int foreseen = round ? outlook(fit, h, work) : LEDPI_FITTED;
         const double moved = ledpi_panel_take_step(fit, h, work);
@@ -140,14 +140,19 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     const int outcome = iterate(&fit, h, &asked->settled, work);
     asked->sampled = work->sampled;
     if (outcome != LEDPI_FITTED) return outcome;
+    if (asked->reweightings) { /* by a matrix of before the last step, and slopes of after it, cells would have leverages far above 1 */
+        look(&fit, h, false, work);
+        asked->sampled = work->sampled;
+        if (!ledpi_panel_solve_step(&fit, false, work)) return LEDPI_DIVERGED;
+    }
     ledpi_unit_square_homography(fit.corners, h);
     ledpi_panel_put_covariance(&fit, h, work);
     ledpi_panel_put_lit(&fit, h, asked->hidden);
+    asked->explained = fit.explained, asked->variance = fit.variance;
     if (asked->reweightings) ledpi_panel_put_jackknife(&fit, h, work, asked->jackknife);
     seen_through(fit.view.lens, fit.corners);
     seen_through(fit.view.lens, fit.lit);
     memcpy(asked->corners, fit.corners, sizeof asked->corners);
     memcpy(asked->lit, fit.lit, sizeof asked->lit);
-    asked->explained = fit.explained, asked->variance = fit.variance;
     return LEDPI_FITTED;
 }

@@ -18,7 +18,7 @@ typedef struct {
     const PanelFit *asked;
     const double *along, *prior;
     ptrdiff_t lines, reweightings, own, owns, size; /* unknowns of a cell that are sought, of all cells, in all */
-    double *unknown, *covariance, explained, variance, sought[2]; /* phases, as the grid has them */
+    double *unknown, *covariance, explained, variance, inflation, sought[2]; /* phases, as the grid has them */
 } Fitting;
 
 /* The OWN of a cell, side by side; the fourth is none. */
@@ -116,8 +116,13 @@ void ledpi_panel_sum_up(const Fitting *fit, bool phasing, Work *work);
 /* Weighs each block by how large its residuals are beside the usual ones of the cells' blocks. */
 void ledpi_panel_weigh_blocks(ptrdiff_t cells, Work *work);
 
-/* The step, in the matrix's order of unknowns; leaves what that was eliminated to (panel_step.c). */
-bool ledpi_panel_solve_step(Fitting *fit, Work *work);
+/* By how much residuals that are alike in a block make its mean vary more than if they were independent: of weighed blocks light
+ * counts by as much less beside what is known beforehand, or it would have corners go with blur, gap and rims together. */
+double ledpi_panel_inflation(const Fitting *fit, const Work *work);
+
+/* The step, in the matrix's order of unknowns; leaves what that was eliminated to (panel_step.c). `holding`: what is at a
+ * limit stays there; a covariance is had without, as a limit is no knowledge of how far within it an unknown is. */
+bool ledpi_panel_solve_step(Fitting *fit, bool holding, Work *work);
 
 /* Takes the step. Returns how far it moves the homography. */
 double ledpi_panel_take_step(Fitting *fit, const double h[9], Work *work);

@@ -56,7 +56,7 @@ static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdi
         for (int m = 0; m < count; m++)
             for (ptrdiff_t k = 0; k < fit->own; k++) by += met[m].by[k] * out->influence[met[m].cell * fit->own + k];
         const double along = fit->along[first + lane];
-        const float trust = (float)(work->weight[work->block[down][first + lane]] / fit->variance);
+        const float trust = (float)(work->weight[work->block[down][first + lane]] / (fit->variance * fit->inflation));
         const ptrdiff_t cell = row + nearest_cell(along, cells);
         out->moved[cell] += trust * s->by[RESIDUAL][lane] * by;
         out->leverage[cell] += trust * by * by;

@@ -29,10 +29,10 @@ static bool is_held(ptrdiff_t at, double unknown, double slope) {
 
 /* The normal equations (size, size + 1), right side last, over the variance, with what is known beforehand. An unknown that
  * is held at its limit has no step: else those of the others would be what goes with its own (Bertsekas 1982). */
-static void put_matrix(const Fitting *fit, const Products *products, double *matrix) {
+static void put_matrix(const Fitting *fit, bool holding, const Products *products, double *matrix) {
     const ptrdiff_t owns = fit->owns, size = fit->size;
     const double *prior = fit->prior, *information = fit->prior + COMMON + OWN * fit->panel.cells * fit->panel.cells;
-    const double scale = 1.0 / fit->variance;
+    const double scale = 1.0 / (fit->variance * fit->inflation);
     for (ptrdiff_t i = 0; i < size; i++) {
         double *const row = matrix + i * (size + 1);
         const ptrdiff_t at = unknown_at(fit, i);
@@ -42,21 +42,22 @@ static void put_matrix(const Fitting *fit, const Products *products, double *mat
         row[i] = row[i] * (1.0 + 1e-6) + 1e-6 + information[at];
         const double mean = at == PHASE || at == PHASE + 1 ? fit->sought[at - PHASE] : prior[at];
         row[size] += information[at] * (at < WAYS ? 0.0 : mean - fit->unknown[at]);
-        if (at < WAYS || !is_held(at, fit->unknown[at], row[size])) continue;
+        if (!holding || at < WAYS || !is_held(at, fit->unknown[at], row[size])) continue;
         row[i] += HELD;
         row[size] = 0.0;
     }
 }
 
-bool ledpi_panel_solve_step(Fitting *fit, Work *work) {
+bool ledpi_panel_solve_step(Fitting *fit, bool holding, Work *work) {
     const ptrdiff_t size = fit->size;
     const double freedom = (double)(work->samples - size);
     if (!(freedom > 0.0) || !isfinite(work->left)) return false;
     fit->variance = fmax(work->left / freedom, 1e-9);
     const double used = fmax(work->used, 1e-12), about_mean = work->light2 - work->light * work->light / used;
     fit->explained = 1.0 - work->left / fmax(work->inside, 1e-12) * used / fmax(about_mean, 1e-12);
-    put_matrix(fit, &work->products, work->matrix);
-    work->decrease = ledpi_eliminate(work->matrix, size, 0, size) / freedom;
+    fit->inflation = fit->asked->reweightings && !fit->reweightings ? ledpi_panel_inflation(fit, work) : 1.0;
+    put_matrix(fit, holding, &work->products, work->matrix);
+    work->decrease = ledpi_eliminate(work->matrix, size, 0, size) * fit->inflation / freedom;
     for (ptrdiff_t i = 0; i < size; i++)
         if (!(work->matrix[i * (size + 2)] > 0.0)) return false;
     ledpi_solve(work->matrix, size, work->step);

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ledpi.config.mistakes import SECRET
 from ledpi.core.errors import CalibrationError
 from ledpi.core.files import parse_yaml, read_text
 from ledpi.tools.calibrate.files import changing, check_writable, write_locked
@@ -27,15 +28,20 @@ def change_config(path: Path, changes: Mapping[Key, Any], check: Callable[[], No
     """
     with changing(path):
         check()
-        text = read_text(path, CalibrationError)
-        changed = changed_yaml(text, changes)
-        wanted = parse_yaml(text, path, CalibrationError) or {}
-        for key, value in changes.items():
-            _set(wanted, key, value)
-        if parse_yaml(changed, path, CalibrationError) != wanted:
-            named = ", ".join(".".join(map(str, key)) + f": {value}" for key, value in changes.items())
-            raise CalibrationError(f"{path}: cannot be changed without touching other keys; set by hand: {named}")
-        return write_locked(path, changed)
+        return write_locked(path, changed_safely(read_text(path, CalibrationError), changes, path))
+
+
+def changed_safely(text: str, changes: Mapping[Key, Any], where: object) -> str:
+    """As `changed_yaml`. Raises CalibrationError, which begins with `where`, if another key would change, too."""
+    changed = changed_yaml(text, changes)
+    wanted = parse_yaml(text, where, CalibrationError) or {}
+    for key, value in changes.items():
+        _set(wanted, key, value)
+    if parse_yaml(changed, where, CalibrationError) != wanted:
+        shown = {".".join(map(str, key)): value for key, value in changes.items()}
+        named = ", ".join(key if key.endswith(SECRET) else f"{key}: {value}" for key, value in shown.items())
+        raise CalibrationError(f"{where}: cannot be changed without touching other keys; set by hand: {named}")
+    return changed
 
 
 def changed_yaml(text: str, changes: Mapping[Key, Any]) -> str:

@@ -95,6 +95,12 @@ def write_locked(path: Path, content: str | bytes, *, mode: int = 0o666) -> Path
     return kept
 
 
+def newest_kept(path: Path) -> Path | None:
+    """The older file that was kept last; None where there is none."""
+    number = max(_kept_numbers(path), default=None)
+    return None if number is None else _kept_name(path, number)
+
+
 def followed(path: Path) -> Path:
     """The file to which a link leads that root or we have made; another user's link in a shared folder is replaced."""
     for _ in range(40):  # as many as the kernel follows

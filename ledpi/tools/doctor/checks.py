@@ -34,6 +34,8 @@ def examine(config: Config, *, is_given: bool = True) -> Iterator[Finding]:
     Without `is_given` there is no configuration, and these are the defaults: a daemon is asked whatever it runs with.
     """
     kind, _, place = config.camera.source.partition(":")
+    if (other := running.other_file(config)) is not None:
+        yield other
     tap, daemon = running.connected(config, any_camera=not is_given), None
     yield machine.packages()
     if tap is not None and not is_given:
@@ -51,11 +53,12 @@ def examine(config: Config, *, is_given: bool = True) -> Iterator[Finding]:
             yield from _to_its_end("daemon", running.examine(tap, config if is_given else None))
     yield _panel_ids(config.panels)
     yield _map(config)
-    yield from _serial(config.serial, daemon)
+    yield from _to_its_end("serial port", _serial(config.serial, daemon))
     if config.serial.protocol == "mavlink":
         yield _mavlink()
     yield from _to_its_end("outputs", outputs.examine(config))
     yield machine.disk()
+    yield from machine.kept(config.file or machine.CALIBRATION_FOLDER)
     yield machine.clock()
     yield machine.throttling()
     if tap is None:  # a daemon that runs says itself whether it keeps up

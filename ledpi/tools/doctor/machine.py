@@ -5,6 +5,7 @@ What is specific to a Pi is by its documentation, **not seen on hardware**.
 
 from __future__ import annotations
 
+import ctypes
 import glob
 import grp
 import os
@@ -13,10 +14,13 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from ledpi import __version__
 from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version
+from ledpi.core.mounts import lost_at_reboot
+from ledpi.core.packages import Unusable
 from ledpi.core.wording import one_line
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
@@ -26,15 +30,25 @@ FREE_BYTES = 1_000_000_000  # a recording of a minute and a half
 THROTTLED = {0: "under-voltage", 1: "clock capped", 2: "throttled", 3: "too hot"}
 VCGENCMD_S = 5.0  # it answers at once, or its driver hangs
 IMPORT_S = 60.0  # picamera2 from a slow card takes some 10 s
+TIME_ERROR = 5  # of adjtimex(2): the clock is not synchronised
 RELEASED = 1735689600  # 2025: a clock that says earlier was never set
 
 
 def packages() -> Finding:
     """Imported in a process of its own, as a package that was built for another numpy may end it."""
-    done = _python("import numpy, cv2; print(f'numpy {numpy.__version__}, OpenCV {cv2.__version__}')")
+    done = _python("from ledpi.core.packages import tell; tell()")
     if done.returncode == 0:
         return ok("packages", f"ledpi {__version__}, Python {platform.python_version()}, {done.stdout.strip()}")
+    if done.returncode == 3 and len(told := done.stdout.splitlines()) == 2:
+        return bad("packages", *told, stops_daemon=True)
     return bad("packages", _last_line(done), "install again: sudo scripts/install", stops_daemon=True)
+
+
+def without(package: Unusable) -> Iterator[Finding]:
+    """The page where a package cannot be used: what can be told without it."""
+    yield bad("packages", package.said, package.remedy, stops_daemon=True)
+    yield unknown("configuration", "it, camera, panels and outputs cannot be looked at without that")
+    yield from (disk(), clock(), throttling())
 
 
 def picamera2() -> Finding:
@@ -86,13 +100,37 @@ def disk(folder: Path = CALIBRATION_FOLDER) -> Finding:
     return ok("disk", said) if free >= FREE_BYTES else bad("disk", said, "delete old recordings")
 
 
-def clock(now_s: float | None = None) -> Finding:
-    """Only journals and file dates hang on it: poses carry their age, by a clock that is never set."""
-    now_s = time.time() if now_s is None else now_s
+def clock(now_s: float | None = None, *, is_set: bool | None = None) -> Finding:
+    """Names of recordings, journals and certificates hang on it: poses carry their age, by a clock that is never set.
+
+    `is_set`: whether something sets it; by default as the kernel says.
+    """
+    now_s, is_set = time.time() if now_s is None else now_s, _is_set() if is_set is None else is_set
     said = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s))
-    if now_s >= RELEASED:
-        return ok("clock", said)
-    return bad("clock", f"{said}, never set", "connect to a network once, or: sudo date --set …")
+    if now_s < RELEASED:
+        return bad("clock", f"{said}, never set", "connect to a network once, or: sudo date --set …")
+    if is_set:
+        return ok("clock", f"{said}, kept right by the network or another clock")
+    remedy = "a network, chrony or an RTC: docs/raspberry-pi.md#the-clock"
+    said = f"{said}; the kernel knows of nothing that keeps it right: times of recordings may be wrong"
+    return Finding(name="clock", state="unknown", said=said, remedy=remedy)
+
+
+def _is_set() -> bool:
+    """Asks the kernel, whom chrony, systemd-timesyncd and ntpd tell."""
+    struct_timex = ctypes.create_string_buffer(512)  # more than it takes; of zeros, so that nothing is changed
+    try:
+        state = ctypes.CDLL(None).adjtimex(struct_timex)
+    except (OSError, AttributeError):
+        return False
+    return bool(0 <= state < TIME_ERROR)
+
+
+def kept(file: Path) -> Iterator[Finding]:
+    """A finding where what is written to a file does not outlive a reboot."""
+    if said := lost_at_reboot(file):
+        remedy = "to change it for good: docs/raspberry-pi.md#a-read-only-root"
+        yield Finding(name="read-only root", state="unknown", said=said, remedy=remedy)
 
 
 def throttling() -> Finding:

@@ -15,13 +15,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ledpi.bridge.factory import TARGETS, target_class
-from ledpi.bridge.password import read_password
 from ledpi.bridge.sockets import lost
 from ledpi.bridge.target import CONNECT_S
-from ledpi.bridge.tls import refused, tls_context
-from ledpi.config.outputs import Kind, OutputSettings
+from ledpi.bridge.tls import refused
+from ledpi.config.output_files import read_password, tls_context
+from ledpi.config.outputs import OutputSettings
 from ledpi.config.settings import Config
-from ledpi.core.errors import LedpiError
+from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.wording import install_command
 from ledpi.tap.of_config import CAMERAS, OF_ONE_CAMERA
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
@@ -36,8 +36,8 @@ def examine(config: Config) -> Iterator[Finding]:
     """Each output's library, password file, target with its certificate, and unit."""
     for name, settings in config.outputs.items():
         found = f"output {name}"
-        if (extra := TARGETS[settings.kind][2]) is not None:
-            yield _library(found, name, settings.kind, extra)
+        if (extra := "mavlink" if settings.format == "mavlink" else TARGETS[settings.kind][2]) is not None:
+            yield _library(found, name, settings, extra)
         if settings.password_file is not None:
             yield _password(found, settings.password_file)
         if settings.host is not None:
@@ -51,19 +51,19 @@ def unit_of(name: str, file: Path | None) -> str:
     return f"ledpi-bridge@{file.stem}-{name}" if of_several and file is not None else f"ledpi-bridge@{name}"
 
 
-def _library(found: str, name: str, kind: Kind, extra: str) -> Finding:
+def _library(found: str, name: str, settings: OutputSettings, extra: str) -> Finding:
     try:
-        target_class(name, kind)
+        target_class(name, settings)
     except LedpiError as error:
         command = install_command(extra)
         return bad(found, str(error).removesuffix(f": {command}"), command)
-    return ok(found, f"the packages of kind {kind} are installed")
+    return ok(found, f"the packages of {extra} are installed")
 
 
 def _password(found: str, path: Path) -> Finding:
     """As the service will read it, by its group."""
     try:
-        read_password(path)
+        read_password(path, ConfigError)
         status, members = path.stat(), grp.getgrnam(GROUP).gr_gid
     except LedpiError as error:
         said, _, remedy = str(error).partition("; ")
@@ -98,7 +98,7 @@ def _target(found: str, settings: OutputSettings) -> Finding:
 
 
 def _certificate(found: str, where: str, connection: socket.socket, settings: OutputSettings) -> Finding:
-    with tls_context(settings.ca_file).wrap_socket(connection, server_hostname=settings.host) as encrypted:
+    with tls_context(settings.ca_file, ConfigError).wrap_socket(connection, server_hostname=settings.host) as encrypted:
         until_s = ssl.cert_time_to_seconds(str((encrypted.getpeercert() or {})["notAfter"]))
     until = time.strftime("%Y-%m-%d", time.gmtime(until_s))
     if until_s - time.time() < SOON_S:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shlex
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from ledpi.camera.exposure_notes import vanishing
@@ -43,6 +45,22 @@ def connected(config: Config, *, any_camera: bool = False) -> Client | None:
         return tap
     tap.close()
     return None
+
+
+def other_file(config: Config) -> Finding | None:
+    """Says so where the daemon here runs with another configuration file than the one that is looked at."""
+    socket_path = of_config(config)
+    if socket_path is None or config.file is None:
+        return None
+    try:
+        with connect(socket_path) as tap:
+            path = tap.hello.get("config_path")
+    except TapError:
+        return None
+    if path is None or Path(path).resolve() == config.file.resolve():
+        return None
+    said = f"the daemon that runs here has {shortened_name(path)}, not {config.file}"
+    return bad("configuration", said, f"to see that one: ledpi doctor --config {shlex.quote(path)}")
 
 
 def examine(tap: Client, config: Config | None) -> Iterator[Finding]:

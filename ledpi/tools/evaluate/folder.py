@@ -5,14 +5,36 @@ settings.json says what was asked for, units.jsonl holds a line for each unit th
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+
+import ledpi
 from ledpi.core.errors import ConfigError
 
 SETTINGS_FILE, UNITS_FILE = "settings.json", "units.jsonl"
+SOURCES = (".py", ".c", ".h")
+
+
+@cache
+def code_version(*further: Path) -> str:
+    """Returns what results depend on: the sources of ledpi and of `further` packages; numpy, OpenCV."""
+    digests = [source_digest(package)[:12] for package in (Path(ledpi.__file__).parent, *further)]
+    return f"{'+'.join(digests)}, numpy {np.__version__} OpenCV {cv2.__version__}"
+
+
+def source_digest(package: Path) -> str:
+    """SHA-256 of a package's sources, those of its compiled loops too, and of their names; in hexadecimal."""
+    digest = hashlib.sha256()
+    for path in sorted(path for path in package.rglob("*") if path.suffix in SOURCES):
+        digest.update(str(path.relative_to(package)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 class ResultsFolder:

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ledpi.tools.evaluate.conditions import PAPER_ANGLES_AT_M, PLAIN
-from ledpi.tools.evaluate.table import TableRow
+from ledpi.tools.evaluate.table import PAPER_ANGLES_AT_M, PLAIN, TableRow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

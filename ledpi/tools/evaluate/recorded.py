@@ -14,13 +14,10 @@ from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelValues
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.picture import read_picture
-from ledpi.recording.reader import Recording
-from ledpi.tools.evaluate.conditions import PLAIN
-from ledpi.tools.evaluate.draw import FRAMES_A_TAKE
-from ledpi.tools.evaluate.reading import PanelMethod, PanelReader
+from ledpi.recording.reader import FrameEntry, Recording
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, STREAM_ROWS, PanelMethod, PanelReader
 from ledpi.tools.evaluate.scoring import Expected, Tally
-from ledpi.tools.evaluate.table import TableRow, table_row
-from ledpi.tools.evaluate.units import STREAM_ROWS
+from ledpi.tools.evaluate.table import PLAIN, TableRow, table_row
 
 _PLACE = ("distance_m", "angle_deg", "exposure_us", "transfer")
 
@@ -38,7 +35,7 @@ def evaluate_recording(
 ) -> dict[str, Any]:
     """A record, for `rows_of_recordings`, of a recording that shows panel `marker_id` in every frame.
 
-    Streams are cut into takes of 12 frames, each begun anew, as the rendered ones are. Corners and poses are judged
+    Streams are cut into takes of 12 frames, each begun anew, as those of the suites are. Corners and poses are judged
     where the recording has truth. Raises RecordingError for a picture that cannot be read, ConfigError for an ID that
     the dictionary does not have, or that is not in the truth.
     """
@@ -82,7 +79,7 @@ def _read_all(
         index = number % FRAMES_A_TAKE
         if index == 0:
             current = readers()
-        frame = _frame(recording, number)
+        frame = frame_of(recording, recording.frames[number])
         expected = _expected(recording, frame, marker_id)
         for method, reader in current.items():
             read = reader.read(frame)
@@ -95,12 +92,13 @@ def _read_all(
     return tallies
 
 
-def _frame(recording: Recording, index: int) -> Frame:
+def frame_of(recording: Recording, entry: FrameEntry) -> Frame:
+    """Reads a frame. Raises RecordingError for a picture that cannot be read."""
     picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
-    fault = read_picture(recording.frames[index].picture, picture)
+    fault = read_picture(entry.picture, picture)
     if fault is not None:
         raise RecordingError(fault.message)
-    return recording.frame(recording.frames[index], picture)
+    return recording.frame(entry, picture)
 
 
 def _expected(recording: Recording, frame: Frame, marker_id: int) -> list[Expected]:

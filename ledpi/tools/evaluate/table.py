@@ -11,6 +11,9 @@ from statistics import NormalDist, median
 
 from ledpi.tools.evaluate.scoring import Tally
 
+PLAIN = "plain"  # the case in which nothing is wrong with the panel
+PAPER_ANGLES_AT_M = 0.6
+
 _Z95 = NormalDist().inv_cdf(0.975)
 
 

@@ -1,7 +1,7 @@
-// The buttons, and the configuration.
+// The buttons.
 
 import { $, LoginNeeded, ask, login } from "./server.js";
-import { cells, html } from "./drawing.js";
+import { html } from "./drawing.js";
 import { forgetBest } from "./light.js";
 import { choose, shownFrame } from "./picture.js";
 
@@ -44,8 +44,8 @@ export async function change(path, doing, done) {
   return line;
 }
 
-export async function download(path, name, within_ms) {
-  const link = document.createElement("a"), line = tellOf("Fetching…");
+export async function download(path, name, within_ms, line = tellOf("Fetching…")) {
+  const link = document.createElement("a");
   try {
     link.href = URL.createObjectURL(await (await ask(path, "GET", within_ms)).blob());
     link.download = name;
@@ -68,18 +68,3 @@ $("record").addEventListener("click", async () => {
 $("keep").addEventListener("click", () => download("api/frame.png", `ledpi-frame-${shownFrame().seq}.png`));
 $("forget").addEventListener("click", forgetBest);
 $("ask-why").addEventListener("click", () => choose("whynot"));
-
-$("config").addEventListener("toggle", async () => {
-  if (!$("config").open) return;
-  try {
-    const keys = await (await ask("api/config")).json();
-    $("keys").replaceChildren(...keys.map(({ key, value, from }) => {
-      const row = document.createElement("tr");
-      cells(row, ["", value === null ? "null" : typeof value === "object" ? JSON.stringify(value) : String(value), from]);
-      row.cells[0].append(...key.split(/(?<=[._])/).flatMap((part) => [part, html("wbr")])); // where a phone may break it
-      return row;
-    }));
-  } catch (error) {
-    $("config-says").textContent = `It cannot be shown: ${error.message}`;
-  }
-});

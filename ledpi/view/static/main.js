@@ -6,6 +6,7 @@ import { loadHistory, tellHealth } from "./health.js";
 import { nextBoard } from "./lens.js";
 import { forgetBest } from "./light.js";
 import { drawMap } from "./map.js";
+import "./settings.js";
 import "./takes.js";
 import { nextPicture, tellKey } from "./picture.js";
 import { serverIsGone, tellLink, tellPanels } from "./table.js";

@@ -15,9 +15,9 @@ export class LoginNeeded extends Error {}
 let lastAnswer = performance.now();
 export const silentFor = () => performance.now() - lastAnswer;
 
-export async function ask(path, method = "GET", within_ms = method === "POST" ? 130000 : 15000) {
+export async function ask(path, method = "GET", within_ms = method === "POST" ? 130000 : 15000, body = undefined) {
   const headers = token ? { Authorization: `Bearer ${token}` } : {};
-  const answer = await fetch(path, { method, headers, cache: "no-store", signal: AbortSignal.timeout(within_ms) });
+  const answer = await fetch(path, { method, headers, body, cache: "no-store", signal: AbortSignal.timeout(within_ms) });
   lastAnswer = performance.now();
   if (answer.status === 401) throw new LoginNeeded();
   if (!answer.ok) throw new Refused((await answer.json()).error);

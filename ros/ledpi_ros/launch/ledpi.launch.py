@@ -1,4 +1,4 @@
-"""The node, with its parameters from config/ledpi.yaml, or from params:=FILE."""
+"""The node, with its parameters from config/ledpi.yaml, or from params:=FILE, in namespace:=NAME."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
@@ -12,6 +12,13 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument("params", default_value=shipped, description="A file of parameters"),
-            Node(package="ledpi_ros", executable="ledpi", name="ledpi", parameters=[LaunchConfiguration("params")]),
+            DeclareLaunchArgument("namespace", default_value="", description="What topics and node are in"),
+            Node(
+                package="ledpi_ros",
+                executable="ledpi",
+                name="ledpi",
+                namespace=LaunchConfiguration("namespace"),
+                parameters=[LaunchConfiguration("params")],
+            ),
         ]
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +20,8 @@ def fill(message: Any, values: dict[str, Any], get_message: Callable[[str], Any]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             inner = get_message(_element(kinds[field]))
             setattr(message, field, [fill(inner(), each, get_message) for each in value])
+        elif isinstance(value, bytes):  # whole: rclpy looks at each number of any other sequence
+            setattr(message, field, array("B", value))
         elif kinds[field] == "octet":  # rclpy has a byte as bytes
             setattr(message, field, bytes([value]))
         else:

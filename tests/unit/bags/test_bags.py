@@ -34,7 +34,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from ledpi.bags.contents import Image, Info, checked, lens_of_info, luma_of_image
+from ledpi.bags.contents import Compressed, Image, Info, checked, lens_of_info, luma_of_compressed, luma_of_image
 from ledpi.bags.reading import messages
 from ledpi.core.errors import RecordingError
 from ledpi.recording.reader import load_recording
@@ -274,7 +274,7 @@ ODD: dict[str, tuple[list[tuple[str, Any]], str]] = {
     "unknown encoding": ([grey(PLAIN, encoding="x\ny")], r"/cam/image: is x\ny; must be mono8"),
     "16 bits": ([grey(PLAIN, encoding="mono16")], "holds a picture whose size is not as it says"),
     "no pixels": ([grey(np.zeros((0, 0), np.uint8))], "holds a broken message: width: must be greater than or equal"),
-    "a huge PNG": ([compressed(np.zeros((20_000, 20_000), np.uint8))], "holds a picture that cannot be decoded"),
+    "a large PNG": ([compressed(np.zeros((4, 5001), np.uint8))], "holds a picture of more than 5000 pixels a side"),
     "too few pixels": ([grey(PLAIN, height=49)], "holds a picture whose size is not as it says"),
     "other sizes": (
         [compressed(PLAIN), compressed(PLAIN[:, :32], stamp_ns=LATER)],
@@ -333,6 +333,17 @@ def test_a_lens_is_of_the_picture_or_refused() -> None:
     assert (binned.fx, binned.cx, binned.cy) == (250, 159.5, 119.5)
     with pytest.raises(RecordingError, match="is of 640 × 480 pixels in steps of 1 × 1, but the picture has 320 × 240"):
         lens_of_info(info_of(), 320, 240, "x")
+
+
+def test_a_damaged_picture_leaves_no_words_of_a_library(capfd: pytest.CaptureFixture[str]) -> None:
+    """libpng prints its own, beside ledpi's one line."""
+    png = bytearray(cv2.imencode(".png", PLAIN)[1].tobytes())
+    png[20] ^= 1  # its width, so that a checksum is wrong
+    header = {"stamp": {"sec": 1, "nanosec": 0}}
+    picture = Compressed.model_validate({"header": header, "format": "png", "data": np.frombuffer(png, np.uint8)})
+    with pytest.raises(RecordingError, match="holds a picture that cannot be decoded"):
+        luma_of_compressed(picture, "x")
+    assert capfd.readouterr().err == ""
 
 
 def packed(path: Path, data: bytes, *, says: int, by: str = "zstd") -> Path:
@@ -416,7 +427,7 @@ def test_a_bag_whose_checksum_is_wrong_is_read_up_to_there(bag: Path, tmp_path: 
 
 @pytest.mark.slow
 def test_a_video_that_is_cut_off_or_none_is_one_line(tmp_path: Path, run: Run) -> None:
-    """FFmpeg's own words are not shown; a video of a single frame is one."""
+    """FFmpeg's and OpenCV's own words are not shown; a video of a single frame is one."""
     clip = tmp_path / "clip.mp4"
     writer = cv2.VideoWriter(str(clip), cv2.VideoWriter.fourcc(*"mp4v"), 50.0, (64, 48))
     writer.write(cv2.merge([PLAIN] * 3))
@@ -427,6 +438,8 @@ def test_a_video_that_is_cut_off_or_none_is_one_line(tmp_path: Path, run: Run) -
     done = ledpi("import", clip, tmp_path / "cut", *OWN_ROW_TIME)
     said = "cannot be read as a video; is it whole? One that was cut off has no index"
     assert (done.returncode, done.stderr) == (2, f"ledpi: {clip}: {said}\n")
+    (avi := tmp_path / "clip.avi").write_bytes(b"RIFF" + bytes(4) + b"AVI LIST" + bytes(4) + b"drla" + bytes(200))
+    assert ledpi("import", avi, tmp_path / "cut", *OWN_ROW_TIME).stderr == f"ledpi: {avi}: {said}\n"
     (tmp_path / "empty.mcap").touch()
     assert refused(run, tmp_path / "empty.mcap", tmp_path / "x").endswith("is no MCAP file (it ends at once)")
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from ledpi.bridge.factory import TARGETS
-from ledpi.bridge.password import read_password
-from ledpi.bridge.target import BridgeError
 from ledpi.config.origins import values_of
+from ledpi.config.output_files import read_password
 from ledpi.config.outputs import KEYS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
@@ -20,10 +19,12 @@ MISTAKES = [
     ("{a: {kind: udp}}", "outputs.a: must have a host: the address that udp sends to"),
     ("{a: {kind: udp, host: x}}", "outputs.a: must have a port; udp has none of its own"),
     ("{a: {kind: udp, host: x, port: 5, tls: true}}", "outputs.a: has tls, which is not for udp; udp takes host, port"),
+    ('{a: {kind: tcp, port: 5, host: "a\\nb"}}', "outputs.a.host: must be a name or an address alone, as robot.lan"),
     ("{a: {kind: mqtt, host: x, ca_file: c.pem}}", "outputs.a: has ca_file, which needs tls: true"),
     ("{a: {kind: mqtt, host: x, user: me}}", "outputs.a: must have user and password_file together"),
     ("{a: {kind: mqtt, host: x, topic: 'a/#'}}", "outputs.a.topic: must be words of letters, digits, _ and -"),
     ("{a: {kind: zenoh, host: x, topic: robot-1}}", "outputs.a: has topic robot-1; ROS 2's words have letters"),
+    ("{a: {kind: stdout, mavlink_profile: px4}}", "outputs.a: has mavlink_profile, which needs format: mavlink"),
     ("{A B: {kind: stdout}}", "outputs.A B: must be a name of small letters"),
     ("{a: {kind: mqtt, host: x, password: secret}}", "outputs.a.password: unknown key; did you mean password_file?"),
 ]
@@ -60,12 +61,12 @@ def test_the_password_is_the_first_line_of_a_file_that_not_everybody_may_read(tm
     path = tmp_path / "secret"
     path.write_text("hunter2\nmore\n", encoding="utf-8")
     path.chmod(0o640)
-    assert read_password(path) == "hunter2"
+    assert read_password(path, ConfigError) == "hunter2"
     outputs = f"outputs={{b: {{kind: mqtt, host: x, user: u, password_file: {path}}}}}"
     assert "hunter2" not in str(values_of(load_config(None, ("panels.side_m=0.16", outputs))))
     path.chmod(0o644)
-    with pytest.raises(BridgeError, match="everybody may read it; chmod o-r"):
-        read_password(path)
+    with pytest.raises(ConfigError, match="everybody may read it; chmod o-r"):
+        read_password(path, ConfigError)
 
 
 def test_an_empty_password_is_a_mistake(tmp_path: Path) -> None:
@@ -73,5 +74,5 @@ def test_an_empty_password_is_a_mistake(tmp_path: Path) -> None:
     path = tmp_path / "secret"
     path.write_text("\n", encoding="utf-8")
     path.chmod(0o600)
-    with pytest.raises(BridgeError, match="its first line must be the password"):
-        read_password(path)
+    with pytest.raises(ConfigError, match="its first line must be the password"):
+        read_password(path, ConfigError)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +16,8 @@ import pytest
 from ledpi.config.settings import load_config
 from ledpi.tools import backup
 from tests.builders import ROOT
-from tests.builders.command import complaint, in_process
+from tests.builders.certificates import AUTHORITY
+from tests.builders.command import LEDPI, complaint, in_process
 
 LENS = """image_width: 640
 image_height: 480
@@ -135,6 +139,21 @@ def test_check_looks_into_the_files_that_are_named(here: Path, ledpi: Ledpi) -> 
     assert (done.status, done.out) == (0, "config.yaml: OK\n")
 
 
+def test_check_looks_into_the_files_of_outputs(here: Path, ledpi: Ledpi) -> None:
+    """A bridge would find it only when it starts."""
+    output = "{kind: mqtt, host: x, tls: true, ca_file: ca.pem, user: u, password_file: p}"
+    (here / "config.yaml").write_text(f"panels: {{side_m: 0.16}}\noutputs: {{b: {output}}}\n")
+    (here / "ca.pem").write_text("none")
+    said = ledpi("config", "check").out
+    assert f"outputs.b.ca_file: {here}/ca.pem: no certificates can be read from it" in said
+    assert f"outputs.b.password_file: {here}/p: cannot be read: No such file" in said
+    (here / "ca.pem").write_text(AUTHORITY)
+    (here / "p").write_text("secret")
+    assert "outputs.b.password_file: " in ledpi("config", "check").out  # everybody may read it
+    (here / "p").chmod(0o640)
+    assert ledpi("config", "check").status == 0
+
+
 # ---- set
 
 
@@ -170,6 +189,26 @@ def test_set_writes_nothing_that_is_wrong(here: Path, item: str, said: str, ledp
     assert not (here / "config.yaml.bak-1").exists()
 
 
+@pytest.mark.skipif(os.geteuid() != 0 or shutil.which("unshare") is None, reason="not root, or not installed: unshare")
+def test_set_says_what_a_reboot_loses(here: Path) -> None:
+    """On an overlay whose upper layer is in memory, as raspi-config makes it."""
+    script = (
+        "mkdir low up etc; mount -t tmpfs none up; mkdir up/u up/w; echo 'panels: {side_m: 0.16}' >low/config.yaml; "
+        'mount -t overlay overlay -o lowerdir=low,upperdir=$PWD/up/u,workdir=up/w etc && exec "$@"'
+    )
+    command = [*LEDPI, "config", "set", "--config", "etc/config.yaml", "panels.ids=[7]"]
+    done = subprocess.run(
+        ["unshare", "-m", "bash", "-c", script, "", *command],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if "mount:" in done.stderr:
+        pytest.skip("this system mounts no overlay")
+    assert "etc/config.yaml: lies on an overlay in memory" in done.stdout
+
+
 # ---- backup, restore
 
 
@@ -182,9 +221,13 @@ def robot(here: Path, ledpi: Ledpi) -> Path:
     (folder / "config.yaml").write_text(
         "# mine\npanels: {side_m: 0.2, overrides: {7: {black_hz: 1262, measured: 2026-11-25}}}\n"
         "camera: {intrinsics: lens/camera.yaml}\nmap: markers.yaml\n"
+        "outputs: {b: {kind: mqtt, host: x, tls: true, ca_file: ca.pem, user: u, password_file: b.password}}\n"
     )
     (folder / "lens/camera.yaml").write_text(LENS)
     (folder / "markers.yaml").write_text(MAP)
+    (folder / "ca.pem").write_text(AUTHORITY)
+    (folder / "b.password").write_text("secret")
+    (folder / "b.password").chmod(0o600)
     (here / "rules.d/60-ledpi.rules").write_text(RULE)
     assert ledpi("backup", "robot.ledpi", "--config", folder / "config.yaml").status == 0
     return folder
@@ -196,10 +239,11 @@ def test_what_was_saved_comes_back_to_the_byte(here: Path, robot: Path, ledpi: L
     (here / "rules.d/60-ledpi.rules").unlink()
     done = ledpi("restore", "robot.ledpi", "--config", here / "other/config.yaml")
     assert done.status == 0, done.err
-    for name in ("config.yaml", "lens/camera.yaml", "markers.yaml"):
+    for name in ("config.yaml", "lens/camera.yaml", "markers.yaml", "ca.pem"):
         assert (here / "other" / name).read_bytes() == (robot / name).read_bytes()
     assert (here / "rules.d/60-ledpi.rules").read_text() == RULE
     assert "udevadm control --reload" in done.out
+    assert f"Missing: {here}/other/b.password, the password of outputs.b.password_file: sudo install" in done.out
     assert "Everything is there already." in ledpi("restore", "robot.ledpi", "--config", here / "other/config.yaml").out
 
 
@@ -213,11 +257,11 @@ def test_what_is_replaced_is_kept(here: Path, robot: Path, ledpi: Ledpi) -> None
     assert (here / "robot.ledpi").stat().st_mode & 0o077 == 0
 
 
-def _changed(path: Path, name: str, content: str) -> None:
-    """The archive, with another file of this name."""
+def _changed(path: Path, name: str, content: str, method: int = zipfile.ZIP_STORED) -> None:
+    """The archive, with another file of this name; packed by this method."""
     with zipfile.ZipFile(path) as archive:
         files = {each: archive.read(each) for each in archive.namelist()}
-    with zipfile.ZipFile(path, "w") as archive:
+    with zipfile.ZipFile(path, "w", method) as archive:
         for each, old in (files | {name: content.encode()}).items():
             archive.writestr(each, old)
 
@@ -239,6 +283,8 @@ def test_what_is_no_whole_backup_is_refused(here: Path, robot: Path, ledpi: Ledp
         assert "is no whole backup" in complaint(ledpi("restore", name, "--config", here / "new.yaml"))
     _changed(here / "robot.ledpi", "2-markers.yaml", "panels: [")
     assert "not valid YAML" in complaint(ledpi("restore", "robot.ledpi", "--config", here / "new.yaml"))
+    _changed(here / "robot.ledpi", "2-markers.yaml", MAP, zipfile.ZIP_BZIP2)  # of 2 kB it may unpack gigabytes at once
+    assert "is no whole backup" in complaint(ledpi("restore", "robot.ledpi", "--config", here / "new.yaml"))
     rule = {"kind": "udev rule", "path": "../../passwd", "name": "0-config.yaml"}
     head = json.dumps({"ledpi_backup": 1, "ledpi": "", "made": "", "files": [rule]})
     _changed(here / "robot.ledpi", backup.CONTENTS, head)
@@ -250,8 +296,9 @@ def test_what_is_no_whole_backup_is_refused(here: Path, robot: Path, ledpi: Ledp
     ("index", "changes", "said"),
     [
         (1, {"path": "../../escaped.yaml"}, "names no such lens"),
-        (1, {"kind": "map"}, "is no whole backup"),  # the second of its kind
-        (3, {"name": "1-camera.yaml"}, "60-ledpi.rules: line 1 is not of ledpi's own udev rule"),
+        (1, {"kind": "map"}, "names no such map"),
+        (1, {"kind": "map", "path": "markers.yaml"}, "is no whole backup"),  # two for one place
+        (4, {"name": "1-camera.yaml"}, "60-ledpi.rules: line 1 is not of ledpi's own udev rule"),
     ],
 )
 def test_an_archive_writes_nowhere_else(
@@ -268,11 +315,45 @@ def test_an_archive_writes_nowhere_else(
 
 
 def test_a_configuration_from_an_archive_names_files_below_its_folder(here: Path, robot: Path, ledpi: Ledpi) -> None:
-    """As root, else, a lens could be any file of the machine."""
+    """As root, else, a lens could be any file of the machine. `backup` leaves such a one out, and says so."""
     outside = here / "outside.yaml"
     outside.write_text(LENS)
     ledpi("config", "set", f"camera.intrinsics={outside}", "--config", robot / "config.yaml")
-    assert ledpi("backup", "b", "--config", robot / "config.yaml").status == 0
+    said = ledpi("backup", "b", "--config", robot / "config.yaml").out
+    assert f"{outside} (camera.intrinsics): is not in the backup, as `ledpi restore` writes only below" in said
+    with zipfile.ZipFile(here / "b") as archive:
+        head = json.loads(archive.read(backup.CONTENTS))
+    head["files"].append({"kind": "lens", "path": str(outside), "name": "lens"})
+    _changed(here / "b", backup.CONTENTS, json.dumps(head))
+    _changed(here / "b", "lens", LENS)
     outside.unlink()
     assert "camera.intrinsics" in complaint(ledpi("restore", "b", "--config", robot / "config.yaml"))
     assert not outside.exists()
+
+
+def test_a_backup_of_the_service_has_all_its_cameras_and_units(
+    here: Path, robot: Path, ledpi: Ledpi, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each camera's configuration with its lens; what is enabled, and a changed unit, are said."""
+    monkeypatch.setattr(backup, "CAMERAS", robot)
+    monkeypatch.setattr(backup, "UNITS", here / "system")
+    (here / "system/multi-user.target.wants").mkdir(parents=True)
+    for name in ("ledpi@front", "ledpi-bridge@b", "ssh"):
+        (here / "system/multi-user.target.wants" / f"{name}.service").symlink_to("/nowhere")
+    (here / "system/ledpi-bridge@b.service.d").mkdir()
+    (here / "system/ledpi-bridge@b.service.d/override.conf").touch()
+    (robot / "front.yaml").write_text("panels: {side_m: 0.2}\ncamera: {intrinsics: front_lens.yaml}\n")
+    (robot / "front_lens.yaml").write_text(LENS)
+    (robot / "config.example.yaml").write_text("panels: {side_m: 0.2}\n")
+    (robot / "rear.yaml").write_text("panels: {side_m: 200}\n")
+    said = ledpi("backup", "all", "--config", robot / "config.yaml").out
+    assert "enabled units: ledpi-bridge@b, ledpi@front" in said
+    assert "override.conf: what you have changed of a unit is not in the backup" in said
+    assert "rear.yaml: is not in the backup" in said
+    for name in ("front.yaml", "front_lens.yaml"):
+        (robot / name).rename(here / name)
+    done = ledpi("restore", "all", "--config", robot / "config.yaml")
+    for name in ("front.yaml", "front_lens.yaml"):
+        assert (robot / name).read_bytes() == (here / name).read_bytes()
+    assert "sudo systemctl enable ledpi-bridge@b ledpi@front; sudo systemctl restart ledpi-bridge@b" in done.out
+    assert "certificates" not in done.out  # it was the same

@@ -22,6 +22,7 @@ from tests.builders.waiting import limit_s
 CTRL_C = "import signal\nsignal.raise_signal(signal.SIGINT)\n"
 # Exceptions in an import may be caught there: by importlib itself, or where a module has a substitute.
 CTRL_C_CAUGHT = "try:\n    import signal; signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    pass\n"
+RUN = ["--set", "camera.source=simulated", "--set", "tap.socket=null", "--frames", "2"]
 WENT_ON = "raise SystemExit(7)\n"
 
 
@@ -51,6 +52,39 @@ def ended(arguments: list[str], folder: Path, typer: str, *, ignoring: bool = Fa
 def test_ctrl_c_while_modules_are_loaded_ends_quietly(tmp_path: Path, arguments: list[str], typer: str) -> None:
     """With the status of every Ctrl-C, also where the import that it falls into would go on."""
     assert ended(arguments, tmp_path, typer) == (130, "")
+
+
+@pytest.mark.parametrize(
+    ("package", "command"),
+    [("yaml", ["decode", "take"]), pytest.param("serial", ["run", *RUN], marks=pytest.mark.slow)],
+)
+def test_another_package_of_the_name_is_told_in_one_line(tmp_path: Path, package: str, command: list[str]) -> None:
+    """As an environment of ROS brings it: which file, and what to do, with status 2."""
+    status, _, errors = with_an_empty(package, tmp_path, *command)
+    said = f"ledpi: {package} cannot be used: {tmp_path}/{package}/__init__.py: module '{package}' has no attribute"
+    assert (status, errors.count("\n")) == (2, 1)
+    assert errors.startswith(said)
+    assert "unset PYTHONPATH" in errors
+
+
+def test_doctor_goes_on_without_a_package(tmp_path: Path) -> None:
+    """To the end of its page."""
+    status, said, _ = with_an_empty("yaml", tmp_path, "doctor")
+    assert status == 1
+    assert f"✗ packages           yaml cannot be used: {tmp_path}/yaml/__init__.py" in said
+    assert said.splitlines()[-1] == "`ledpi run` would not run: packages"
+
+
+def with_an_empty(package: str, folder: Path, *words: str) -> tuple[int, str, str]:
+    """Exit status, standard output and error of a command that finds this package first."""
+    (folder / package).mkdir()
+    (folder / package / "__init__.py").touch()
+    environment = os.environ | {"PYTHONPATH": f"{folder}:{ROOT}"}
+    command = [sys.executable, "-m", "ledpi", *words]
+    done = subprocess.run(
+        command, env=environment, cwd=folder, capture_output=True, text=True, check=False, timeout=limit_s(30)
+    )
+    return done.returncode, done.stdout, done.stderr
 
 
 def test_where_ctrl_c_is_ignored_it_stays_so(tmp_path: Path) -> None:
@@ -106,7 +140,7 @@ def test_it_says_its_version() -> None:
         ("nonsense", "ledpi: no such command 'nonsense'"),
         ("decode", "ledpi decode: missing argument 'PATH…'"),
         ("panel design --nonsense", "ledpi panel design: no such option: --nonsense"),
-        ("evaluate --suite nonsense", "ledpi evaluate: invalid value for '--suite': 'nonsense' is not one of "),
+        ("evaluate --method nonsense", "ledpi evaluate: invalid value for '--method': 'nonsense' is not one of "),
         ("simulate out --frames many", "ledpi simulate: invalid value for '--frames': "),
         ("monitor a b", "ledpi monitor: got unexpected extra argument"),
         ("run --set", "ledpi: option '--set' requires an argument"),

@@ -16,7 +16,7 @@ from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M, load_map, map_text
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Floats
 from ledpi.pose.panel_map import MapPanel, PanelMap
-from tests.builders.command import ledpi
+from tests.builders.command import complaint, in_process, ledpi
 
 HALF = math.sqrt(0.5)
 
@@ -280,6 +280,20 @@ def test_a_mistake_in_a_layout_is_named(tmp_path: Path, change: Any, message: st
     with pytest.raises(ConfigError) as error:
         load_layout(path)
     assert message in str(error.value)
+
+
+def test_a_wrong_configuration_stops_no_import(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It only tells which IDs its dictionary has; one that is named must be right."""
+    monkeypatch.chdir(tmp_path)
+    Path("layout.json").write_text(json.dumps(LAYOUT))
+    Path("config.yaml").write_text("panels: {side_m: 160}\n")
+    run = in_process(monkeypatch, capsys, "map", "import")
+    status, said, _ = run("layout.json", "markers.yaml")
+    assert (status, Path("markers.yaml").is_file()) == (0, True)
+    assert "was not looked at: config.yaml: panels.side_m: must be in metres" in said
+    assert "side_m" in complaint(run("layout.json", "other.yaml", "--config", "config.yaml"))
 
 
 @pytest.mark.slow

@@ -117,9 +117,14 @@ MISTAKES = [
     ("serial.max_age_ms=1e9", "serial.max_age_ms: must be less than or equal to 60000"),
     ("panels.ids=5", "panels.ids: must be a list, as in [7, 23], not 5"),
     ("panels.ids=[]", "panels.ids: must not be empty, not []"),
+    ("panels.ids=[7, 1, 07]", "panels.ids: must list each ID once, and lists 7 twice, not [7, 1, 7]"),
     ("panels.overrides={7: {measured: soon}}", "panels.overrides.7.measured: must be a date, as in 2026-11-25, not"),
     ("tap.socket=''", "tap.socket: must not be empty, not ''"),
     ("serial.port=''", "serial.port: must not be empty, not ''"),
+    (
+        "serial.port=udpout:10.0.0.2:14550",
+        "serial.port: must be a serial port's path; to an address poses go by outputs",
+    ),
     ("serial.port=3", "serial.port: must be text, not 3"),
     ("serial.baud=-", "serial.baud: must be a whole number, not '-'"),
     ("serial.baud=3", "serial.baud: must be greater than or equal to 1200, not 3"),
@@ -134,15 +139,15 @@ def test_a_mistake_is_one_line(override: str, expected: str) -> None:
     assert text.startswith(f"{SHIPPED}: ")
     assert expected in text
     assert "\n" not in text
-    assert "more)" not in text
+    assert " more: `" not in text
     assert "pydantic" not in text
     assert "Settings" not in text
 
 
 def test_further_mistakes_are_counted() -> None:
-    """The first mistake is told in full, the others are counted once each."""
+    """The first mistake is told in full, the others are counted once each, with the command that lists them."""
     text = message(SHIPPED, "camera.frame_duration_us=abc", "camera.row_time_us=x", "serial.baud=3")
-    assert text.endswith("(and 2 more)")
+    assert text.endswith(f"(and 2 more: `ledpi config check --config {SHIPPED}` lists them)")
 
 
 def test_missing_size_names_the_key(tmp_path: Path) -> None:
@@ -199,6 +204,11 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 def test_a_malformed_override_is_named(override: str) -> None:
     """--set without key, without value, or with half a YAML value is an error that repeats it."""
     assert message(SHIPPED, override).startswith(f"--set {override}: ")
+
+
+def test_an_override_whose_key_is_no_text_is_refused() -> None:
+    """As bytes on the command line that are not UTF-8."""
+    assert message(SHIPPED, "\udcff=3").startswith(r"--set \udcff=3: must be KEY=VALUE")
 
 
 def test_override_wins_over_the_file(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from ledpi.core.errors import CalibrationError, ConfigError, DiskFullError
-from ledpi.core.files import not_written, read_bytes, read_text, read_yaml, write_beside
+from ledpi.core.files import not_written, parse_json, read_bytes, read_text, read_yaml, write_beside
 
 _opened: list[str] = []
 sys.addaudithook(lambda event, args: _opened.append(str(args[0])) if event == "open" else None)  # stays for good
@@ -67,6 +67,18 @@ def test_what_is_nested_too_deeply_is_refused(tmp_path: Path, text: str) -> None
     file.write_text(text)
     with pytest.raises(ConfigError, match="line 1: is nested more than 32 deep"):
         read_yaml(file, ConfigError)
+
+
+def test_half_a_character_is_refused(tmp_path: Path) -> None:
+    """By its escape it may stand in YAML and JSON, in values and keys; no name of a file can have it."""
+    file = tmp_path / "x.yaml"
+    for text in ('a: 1\nmap: "\\ud800"\n', 'a: 1\n"\\udfff": 1\n'):
+        file.write_text(text)
+        with pytest.raises(ConfigError, match=r"x\.yaml: not valid YAML: line 2: holds half a character"):
+            read_yaml(file, ConfigError)
+    with pytest.raises(ValueError, match="half a character"):
+        parse_json('{"file": "\\ud800"}')
+    assert parse_json('"\\ud83d\\ude00"') == "\U0001f600"
 
 
 @pytest.mark.parametrize("text", [f"{'k' * 999}: 1\n{'k' * 999}: 2", f"a: !{'x' * 99_999} 1"])

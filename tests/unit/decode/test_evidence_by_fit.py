@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
+from evaluation.suites.units import photographed
+from evaluation.suites.wild import draw_wild
 from ledpi.core.records import CameraInfo, Floats, PanelSpec
 from ledpi.core.shutter import fundamental_amplitude
 from ledpi.decode.evidence.evidence import Evidence
@@ -18,8 +20,6 @@ from ledpi.decode.model.light import Window
 from ledpi.decode.observation import Observation
 from ledpi.simulate.sensor import sensor_info
 from ledpi.tools.evaluate.reading import PanelReader
-from ledpi.tools.evaluate.units import photographed
-from ledpi.tools.evaluate.wild import draw_wild
 from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, panel_settings, word
 from tests.builders.model import Panel, projected, window_of
 

@@ -149,7 +149,7 @@ def test_a_moving_panel_is_where_it_was_on_average(smear_px: int, within_px: flo
     assert rms(error_of(found, true)) < within_px
     assert found.blur_px is not None
     assert np.sqrt(12.0) * found.blur_px[0] > smear_px - 1
-    assert found.blur_px.max() < np.hypot(smear_px / np.sqrt(12.0), 1.3)
+    assert found.blur_px.max() < 1.01 * np.hypot(smear_px / np.sqrt(12.0), 1.3)
 
 
 @pytest.mark.slow

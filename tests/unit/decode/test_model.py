@@ -117,7 +117,7 @@ def test_several_leds_along_a_cell_do_not_move_corners(leds: int) -> None:
     """Their spots are harmonics of the cell's profile."""
     panel = Panel(corners=TRUE, leds=leds)
     fit = fitted(panel, window_of(panel.light(), noise=0.01), TRUE + OFF_PX)
-    assert np.abs(fit.corners_px - TRUE).max() < 0.1
+    assert np.abs(fit.corners_px - TRUE).max() < 0.12
 
 
 STEPS = [
@@ -232,6 +232,21 @@ def test_where_nothing_does_deviations_are_hardly_larger(noise: float, exposure_
     panel = Panel(corners=TRUE, exposure_us=exposure_us)
     fit = fitted(panel, window_of(panel.light(), noise=noise), TRUE + OFF_PX)
     assert np.trace(fit.covariance_px2 + fit.jackknife_px2) < 1.25**2 * np.trace(fit.covariance_px2)
+
+
+@pytest.mark.parametrize("noise_of", range(12))
+def test_no_cell_of_a_small_panel_tells_its_size_alone(noise_of: int) -> None:
+    """Without it corners move by less than a tenth of a pixel, also where a last step moves profile and size."""
+    corners = square(80.3, 80.6, 33, 12)
+    panel = Panel(corners=corners, blur_px=0.9, gap=0.0, hot=0.15)
+    fit = fitted(
+        panel,
+        window_of(panel.light(), noise=0.01, seed=noise_of),
+        corners + 0.2,
+        Effort(rounds=10, reweightings=2, faint=True),
+    )
+    outward = (corners - corners.mean(axis=0)).reshape(8) / np.linalg.norm(corners - corners.mean(axis=0), axis=1).sum()
+    assert np.sqrt(outward @ fit.jackknife_px2 @ outward) < 0.1
 
 
 @pytest.mark.parametrize("side", [100, 40])

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.endurance.sanitized import READ_BESIDE
+from evaluation.endurance.sanitized import READ_BESIDE
 from ledpi.core.errors import InstallationError
 from ledpi.kernels.library import FOLDERS, NONE, check, lib, pointer
 from tests.builders import ROOT

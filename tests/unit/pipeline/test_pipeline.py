@@ -590,6 +590,7 @@ def test_a_moving_panels_pose_is_that_of_its_centre_rows_moment() -> None:
     assert np.median(errors) < 0.005
 
 
+@pytest.mark.slow
 def test_decoys_are_never_reported() -> None:
     """Lamps on the mains and at a PWM frequency, a window with bars, a disc at our frequency, a dead panel."""
 

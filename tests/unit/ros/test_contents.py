@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ledpi.bags.contents import Info, lens_of_info
+from ledpi.core.records import COEFFICIENTS, CameraInfo, DistortionModel, Intrinsics
 from ledpi.ros.contents import (
     DETECTIONS,
     DIAGNOSTICS,
@@ -16,9 +18,11 @@ from ledpi.ros.contents import (
     UNKNOWN_VARIANCE,
     Message,
     Names,
+    camera_info_message,
     frame_messages,
     health_message,
 )
+from ledpi.ros.stream import RosStream
 from tests.builders.made_up_daemon import HEALTH, PANEL, decoded
 
 OFFSET_NS = 1_790_000_000_000_000_000
@@ -60,11 +64,33 @@ def test_nothing_seen_is_news_too() -> None:
     assert messages["/ledpi/detections"].values["detections"] == []
 
 
-def test_without_a_lens_there_is_no_pose() -> None:
-    """Detections in 3D would need one."""
+def test_an_id_that_is_read_without_a_lens_is_detected_without_a_pose() -> None:
+    """It is not an empty room; NaN is no place that anybody drives to."""
     messages = by_topic(frame(position_m=None, quaternion_wxyz=None, covariance=None))
     assert messages.keys() == {"/ledpi/detections"}
-    assert messages["/ledpi/detections"].values["detections"] == []
+    (found,) = messages["/ledpi/detections"].values["detections"]
+    (result,) = found["results"]
+    assert (found["id"], result["hypothesis"]["class_id"]) == ("7", "7")
+    assert np.isnan(
+        [*result["pose"]["pose"]["position"].values(), *found["bbox"]["center"]["orientation"].values()]
+    ).all()
+
+
+def test_two_cameras_that_see_one_panel_give_it_one_parent() -> None:
+    """Each has a frame of its own for it, or one is silent."""
+    (transform,) = by_topic(frame(), Names(frame_prefix="front/"))["/tf"].values["transforms"]
+    assert transform["child_frame_id"] == "front/panel_7"
+    assert "/tf" not in by_topic(frame(), Names(publish_tf=False))
+
+
+def test_a_detections_box_is_as_large_as_the_panel() -> None:
+    """The map's side, else the panel's own, else that of all."""
+    panels = {"side_m": 0.16, "overrides": {"7": {"side_m": 0.3}}}
+    for told, side_m in [({}, 0.3), ({"map": {"7": {"side_m": 0.5}}}, 0.5), ({"panels": {"side_m": 0.16}}, 0.16)]:
+        stream = RosStream(Names())
+        stream.begin({"panels": panels, "map": None} | told)
+        (found,) = stream.frame(frame(), OFFSET_NS)[0].values["detections"]
+        assert found["bbox"]["size"] == {"x": side_m, "y": side_m, "z": 0.0}
 
 
 def test_an_unknown_covariance_gives_a_filter_no_weight() -> None:
@@ -101,6 +127,45 @@ def test_diagnostics_say_how_the_daemon_is(state: str, level: int) -> None:
     message = health_message(state, HEALTH if state == "running" else None, Names(), OFFSET_NS)
     (status,) = message.values["status"]
     assert (status["level"], status["message"]) == (level, state.replace("_", " "))
+
+
+@pytest.mark.parametrize(
+    ("health", "line", "message"),
+    [
+        ({"decoded_per_s": 0.0}, {}, "nothing is decoded"),
+        ({"no_fix": "behind"}, {}, "frames are decoded too late: this computer is too slow"),
+        ({"no_fix": "uncalibrated"}, {}, "no lens is known: calibrate it (camera.intrinsics)"),
+        ({}, {"rejected": {"fix.panels_contradict": 1}}, "panels contradict the map"),
+        ({}, {"robot": PLACE | {"exposed_ns": 5, "panels_rejected": [7]}}, "panels contradict the map"),
+    ],
+)
+def test_diagnostics_warn_of_what_a_person_must_put_right(health: Any, line: Any, message: str) -> None:
+    """Though frames come; and no longer than it lasts."""
+    stream = RosStream(Names())
+    stream.frame(frame() | line, OFFSET_NS)
+    (status,) = stream.health("running", HEALTH | health, OFFSET_NS).values["status"]
+    assert (status["level"], status["message"]) == (1, message)
+    (status,) = stream.health("running", HEALTH, OFFSET_NS).values["status"]
+    assert (status["level"], status["message"]) == (0, "running")
+
+
+@pytest.mark.parametrize("model", COEFFICIENTS)
+def test_the_lens_has_its_own_model(model: DistortionModel) -> None:
+    """By a name of ROS's three, with all its numbers; a bag's reader makes the same lens of it."""
+    bent = tuple(0.01 * place for place in range(1, 1 + len(COEFFICIENTS[model])))
+    lens = Intrinsics(width=640, height=480, fx=600, fy=600, cx=320, cy=240, distortion=bent, distortion_model=model)
+    camera = CameraInfo(
+        width=640,
+        height=480,
+        exposure_us=10.0,
+        row_time_us=33.0,
+        transfer="srgb",
+        frame_length_rows=500,
+        intrinsics=lens,
+    )
+    values = camera_info_message(camera, "/camera_info", 0, "camera").values
+    assert values["distortion_model"] in {"plumb_bob", "rational_polynomial", "equidistant"}
+    assert lens_of_info(Info.model_validate(values), 640, 480, "bag") == lens
 
 
 def test_every_message_is_whole() -> None:

@@ -13,7 +13,8 @@ from ledpi.core.errors import RecordingError
 from ledpi.core.records import PanelSpec
 from ledpi.runtime import kept_takes
 from ledpi.runtime.kept_takes import KeptTakes
-from ledpi.runtime.takes import Shown, new_take
+from ledpi.runtime.take_order import note_begun
+from ledpi.runtime.takes import MAX_AUTOMATIC, Shown, make_room, new_take
 from ledpi.tap.protocol import Request
 from tests.builders.tap import CAMERA
 
@@ -63,6 +64,19 @@ def test_the_newest_is_listed_first(folder: Path) -> None:
         {"name": NAME, "frames": 6, "written": False},
     ]
     assert KeptTakes(folder / "nowhere").list(request()) == {"takes": []}
+
+
+def test_a_clock_that_went_back_makes_nothing_older(tmp_path: Path) -> None:
+    """The one begun last stays, and is listed first, whatever time is in its name."""
+    old = [f"2026112{day}T000000Z-camera_lost" for day in range(5)]
+    new = ["20261101T000000Z-camera_lost", "20260101T000000Z-contradicted"]
+    for name in (*old, *new):
+        if name in new:
+            note_begun(tmp_path, name)
+        (tmp_path / name).mkdir()
+    make_room(tmp_path, "camera_lost", 0)
+    listed = [take["name"] for take in KeptTakes(tmp_path).list(request())["takes"]]
+    assert listed == [*reversed(new), *reversed(old)][: MAX_AUTOMATIC - 1]
 
 
 @pytest.mark.parametrize("piece_bytes", [1, 700, 1 << 18])

@@ -25,6 +25,7 @@ from ledpi.view import connections, pictures
 from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard, metrics_token
 from ledpi.view.hub import Hub
 from ledpi.view.server import Handler, ViewServer
+from ledpi.view.settings import Settings
 from tests.builders.made_up_daemon import HEALTH, PANEL, PIECE_BYTES, TAKE, TAKE_BYTES, MadeUpDaemon
 from tests.builders.waiting import limit_s, wait_until
 
@@ -38,10 +39,10 @@ HERE = {"position_m": [1.0, 2.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
 class Site:
     """A server in this process, and a client."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, file: Path | None = None) -> None:
         self.hub = Hub(str(path))
         guard = Guard(token=TOKEN, names=frozenset({"localhost", "robot.local"}))
-        self.server = ViewServer(("127.0.0.1", 0), guard, self.hub)
+        self.server = ViewServer(("127.0.0.1", 0), guard, self.hub, Settings(self.hub, file, ()))
         self.port = self.server.server_port
         self._thread = threading.Thread(target=self.server.serve_forever, args=(0.02,), daemon=True)
         self._thread.start()
@@ -153,9 +154,9 @@ def test_the_table_has_a_row_for_each_panel(site: Site, daemon: MadeUpDaemon) ->
 def test_the_configuration_says_where_values_are_from_and_hides_the_token(site: Site, daemon: MadeUpDaemon) -> None:
     """Also where a daemon tells it."""
     site.state_once("up")
-    keys = {row["key"]: row for row in site.ask("GET", "/api/config").json()}
-    assert keys["panels.side_m"] == {"key": "panels.side_m", "value": 0.16, "from": "default"}
-    assert keys["view.token"]["value"] == "not shown"
+    keys = {row["key"]: row for row in site.ask("GET", "/api/config").json()["keys"]}
+    assert [keys["panels.side_m"][part] for part in ("text", "from", "unit")] == ["0.16", "default", "m"]
+    assert keys["view.token"]["text"] == "set"
 
 
 def test_a_frame_can_be_kept_without_loss(site: Site, daemon: MadeUpDaemon) -> None:
@@ -307,7 +308,9 @@ def test_nothing_is_told_without_the_token(site: Site, daemon: MadeUpDaemon) -> 
     assert TOKEN.encode() not in b"".join(site.ask("GET", path).body for path in ("/", "/main.js", "/view.css"))
 
 
-@pytest.mark.parametrize("host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:80", "", "robot"])
+@pytest.mark.parametrize(
+    "host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil:80", "[::1].evil", "", "robot"]
+)
 def test_a_foreign_name_that_leads_here_is_refused(site: Site, host: str) -> None:
     """DNS rebinding: a foreign site's own page would otherwise read ours."""
     for path in ("/", "/api/state"):

@@ -375,13 +375,16 @@ def test_without_pymavlink_doctor_says_that_the_daemon_would_not_run(monkeypatch
 def test_the_daemon_speaks_mavlink() -> None:
     """The simulated drive's two panels, ahead of the vehicle; its last word is power off."""
     autopilot = Autopilot()
-    with daemon(*SIMULATED, "serial.protocol=mavlink", f"serial.port={autopilot.path}") as process:
+    with daemon(
+        *SIMULATED, "serial.protocol=mavlink", "serial.mavlink_system=9", f"serial.port={autopilot.path}"
+    ) as process:
         autopilot.read_until(lambda: {target.target_num for target in autopilot.of("LANDING_TARGET")} == {7, 23})
         ended = end(process, signal.SIGTERM)
         autopilot.read_until(lambda: autopilot.of("HEARTBEAT")[-1].system_status == common.MAV_STATE_POWEROFF)
     autopilot.close()
     assert ended.status == 0
     assert all(0.5 < target.x < 3.0 and target.position_valid for target in autopilot.of("LANDING_TARGET"))
+    assert {message.get_srcSystem() for message in autopilot.of("HEARTBEAT")} == {9}
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import led_bands as bench
+from evaluation.accuracy import led_bands as bench
 from ledpi.cli import main
 from ledpi.core.records import Frame
 from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows

@@ -12,7 +12,7 @@ from ledpi.config.settings import load_config
 from ledpi.core.records import Pixels
 from ledpi.tap.client import connect
 from ledpi.tools.doctor.finding import ok
-from ledpi.tools.doctor.running import checks, connected, examine, other_settings
+from ledpi.tools.doctor.running import checks, connected, examine, other_file, other_settings
 from tests.builders.made_up_daemon import HEALTH, HELLO, PANEL, MadeUpDaemon
 
 
@@ -89,6 +89,19 @@ def test_without_a_configuration_a_daemon_is_asked_whatever_its_camera(tmp_path:
             assert "settings" not in [finding.name for finding in examine(tap, None)]
     finally:
         daemon.close()
+
+
+def test_a_daemon_with_another_file_is_told(tmp_path: Path) -> None:
+    """With the command that looks at that one, whatever its camera; of the same file there is nothing to tell."""
+    file = tmp_path / "config.yaml"
+    file.write_text(f"panels: {{side_m: 0.16}}\ntap: {{socket: {tmp_path}/tap.sock}}\n")
+    for path, others in ((file, []), (tmp_path / "front.yaml", [f"ledpi doctor --config {tmp_path}/front.yaml"])):
+        daemon = MadeUpDaemon(tmp_path / "tap.sock", hello={"config_path": str(path)})
+        try:
+            found = other_file(load_config(file))
+        finally:
+            daemon.close()
+        assert ([found.remedy.removeprefix("to see that one: ")] if found else []) == others
 
 
 class Flickering(MadeUpDaemon):

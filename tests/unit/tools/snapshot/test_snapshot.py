@@ -92,12 +92,14 @@ def test_the_frame_is_shown_as_it_is(snapshot: Snapshot, drawn: Pixels) -> None:
     assert (shown == seen[..., None]).all()
 
 
+@pytest.mark.slow
 def test_cells_are_coloured_by_class_where_they_are(drawn: Pixels) -> None:
     """On the right each cell of ID 7 has its class's colour at its own place, although the panel lies on its side."""
     places = np.round(on_page(cell_centres_px())).astype(int)
     assert [[looks_white_class(drawn[y, x]) for x, y in row] for row in places] == WORD_7.tolist()
 
 
+@pytest.mark.slow
 def test_the_enlarged_cells_stand_upright(drawn: Pixels) -> None:
     """The tile shows the word of ID 7 as the dictionary has it, whichever way the panel lies in the picture."""
     top = PICTURES_TOP + round(LENS.height * COLUMN / LENS.width) + BLOCKS_GAP + TITLE

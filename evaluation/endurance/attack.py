@@ -1,0 +1,135 @@
+"""Attacks what reads pictures, recordings and packets, in programs that gcc's sanitizers watch.
+
+Builds ledpi's C core with AddressSanitizer and UndefinedBehaviorSanitizer. Then three attacks run side by side for so
+many minutes: hostile pictures into `Pipeline.decode` (hostile.py scene), damaged recordings into the reader and the
+decoder (hostile.py recording), and random bytes into the reference receiver (tests/builders/receiver_fuzz_loop.c).
+Exit status 1 where one of them failed; what it said, and the command that does the same again, are printed.
+docs/attacks.md says what is attacked, and what has to hold. Needs gcc.
+
+    python -m evaluation.endurance attack [--minutes 30] [--seed 1]
+    python -m evaluation.endurance attack --short              # as CI does: the same scenes each time
+    python -m evaluation.endurance attack --seed 1 --scene 12345   # once more, this scene only (or --recording 12345)
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from evaluation import ROOT
+from evaluation.endurance.sanitized import FLAGS, build, check_it_sees, environment
+
+HOSTILE = "evaluation.endurance.hostile"
+GRACE_S = 300  # for what was begun when the time was over
+SHORT_S, SHORT_SCENES, SHORT_RECORDINGS = 100, 12, 80
+
+
+@dataclass(frozen=True)
+class Attack:
+    """One process."""
+
+    name: str
+    command: list[str]
+    again: str = ""  # the option that repeats what its last line of output names: `scene` of "scene 123"
+    seed: int = 0
+
+
+def python(module: str, *options: object) -> list[str]:
+    return [sys.executable, "-m", module, *map(str, options)]
+
+
+def built_receiver(folder: Path) -> str:
+    """The program that feeds the reference receiver."""
+    program = folder / "receiver"
+    source = ROOT / "tests/builders/receiver_fuzz_loop.c"
+    header = f"-I{ROOT / 'firmware' / 'receiver'}"
+    subprocess.run(["gcc", "-std=c99", "-O1", *FLAGS.split(), header, "-o", str(program), str(source)], check=True)
+    return str(program)
+
+
+def attacks(seed: int, seconds: float, receiver: str, *, short: bool) -> list[Attack]:
+    """Pictures on all processors but one, which the recordings have; the receiver beside them needs little time.
+
+    `short`: with an end to each before the time is over, so that what is attacked does not depend on the machine.
+    """
+    processes = 1 if short else max((os.cpu_count() or 2) - 1, 1)
+    scenes, recordings = (("--most", SHORT_SCENES), ("--most", SHORT_RECORDINGS)) if short else ((), ())
+    pictures = [
+        Attack("pictures", python(HOSTILE, "scene", "--seconds", seconds, *scenes, "--seed", own), "scene", own)
+        for own in range(seed, seed + processes)
+    ]
+    damaged = python(HOSTILE, "recording", "--seconds", seconds, *recordings, "--seed", seed)
+    random_bytes = [receiver, str(max(round(seconds / 4), 1)), str(seed)]
+    return [*pictures, Attack("recordings", damaged, "recording", seed), Attack("receiver", random_bytes)]
+
+
+def one(seed: int, scene: int | None, recording: int | None) -> Attack:
+    """A single scene or recording."""
+    name, kind, number = ("recordings", "recording", recording) if scene is None else ("pictures", "scene", scene)
+    return Attack(name, python(HOSTILE, kind, "--seed", seed, "--only", number), kind, seed)
+
+
+def run(chosen: list[Attack], run_in: dict[str, str], folder: Path, seconds: float) -> bool:
+    """All at once. Prints what each has come to, and returns whether none has failed."""
+    running = []
+    for number, attack in enumerate(chosen):
+        output = folder / f"{number}.txt"
+        with output.open("w") as file:
+            # In a folder without a ledpi of its own: Python looks there first.
+            process = subprocess.Popen(attack.command, cwd=folder, env=run_in, stdout=file, stderr=subprocess.STDOUT)
+            running.append(process)
+    ends_s = time.monotonic() + seconds + GRACE_S
+    results = []
+    for number, (attack, process) in enumerate(zip(chosen, running, strict=True)):
+        try:
+            status: int | str = process.wait(max(ends_s - time.monotonic(), 0))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            status = "it hung"
+        results.append(report(attack, status, (folder / f"{number}.txt").read_text(encoding="utf-8", errors="replace")))
+    return all(results)
+
+
+def report(attack: Attack, status: int | str, output: str) -> bool:
+    """Prints what one has come to, and returns whether that is well."""
+    lines = output.splitlines()
+    if status == 0:
+        print(f"{attack.name}: nothing found: {lines[-1] if lines else ''}")
+        return True
+    print(f"{attack.name}: FAILED, {status if isinstance(status, str) else f'status {status}'}")
+    begun = [line for line in lines if attack.again and line.startswith(f"{attack.again} ")]
+    print("\n".join(line for line in lines if line not in begun))
+    if begun:
+        print(f"again: python -m evaluation.endurance attack --seed {attack.seed} --{begun[-1]}")
+    return False
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--short", action="store_true", help="as CI does: some three minutes in all")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--scene", type=int, help="this one only")
+    parser.add_argument("--recording", type=int, help="this one only")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        run_in = environment(build(folder))
+        check_it_sees(run_in)
+        seconds = SHORT_S if given.short else 60 * given.minutes
+        if given.scene is not None or given.recording is not None:
+            chosen = [one(given.seed, given.scene, given.recording)]
+        else:
+            chosen = attacks(given.seed, seconds, built_receiver(folder), short=given.short)
+        sys.exit(0 if run(chosen, run_in, folder, seconds) else 1)
+
+
+if __name__ == "__main__":
+    main()

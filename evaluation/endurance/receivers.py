@@ -1,0 +1,135 @@
+"""Corrupted streams into both receivers, Python's and C's: is a false packet ever accepted, or a whole one missed?
+
+Frames of all three kinds, of which most are damaged as lines damage them: flipped bits, bytes lost, doubled, put in
+or exchanged, delimiters lost or put in, noise, two frames run together. Whatever lies between two delimiters and is
+byte for byte a frame that was sent must be received; nothing else may be. Both must agree to the last counter.
+Exit status 1 where one of this does not hold. Needs gcc.
+
+    python -m evaluation.endurance receivers [--bytes 10000000] [--seed 1]
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import time
+from collections.abc import Callable
+
+from evaluation.running import end
+from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage, WirePose
+from ledpi.wire.codec import decode, encode
+from tests.builders.receiver import Received, received_in_c
+
+WHOLE_SHARE = 0.3  # of the frames
+POOL = 3000  # different frames
+
+
+def random_message(rng: random.Random) -> Message:
+    """Any of the three, with values over their whole ranges."""
+    kind = rng.randrange(3)
+    if kind == 2:
+        state, no_fix = rng.choice(list(State)), rng.choice(list(NoFix))
+        return StatusMessage(state=state, no_fix=no_fix, frames=rng.getrandbits(31), temperature_c=rng.randint(-40, 90))
+    q = [rng.gauss(0, 1) for _ in range(4)]
+    norm = sum(v * v for v in q) ** 0.5
+    w, x, y, z = (v / norm for v in q)
+    pose = WirePose(
+        position_m=(rng.uniform(-838, 838), rng.uniform(-9, 9), rng.uniform(-1, 1)),
+        quaternion_wxyz=(w, x, y, z),
+        deviation_m=(rng.uniform(0, 0.01), rng.uniform(0, 1), rng.uniform(0, 60)) if rng.random() < 0.7 else None,
+        deviation_rad=(0.0, rng.uniform(0, 0.1), rng.uniform(0, 3)) if rng.random() < 0.7 else None,
+    )
+    if kind == 1:
+        used, resets = rng.randint(1, 300), rng.randrange(256)
+        return FixMessage(age_us=rng.getrandbits(17), pose=pose, panels_used=used, map_resets=resets)
+    return MarkerMessage(id=rng.getrandbits(16), age_us=rng.getrandbits(17), pose=pose, ambiguous=rng.random() < 0.2)
+
+
+def _flip(frame: bytearray, rng: random.Random) -> None:
+    for _ in range(rng.randint(1, 5)):
+        frame[rng.randrange(len(frame))] ^= 1 << rng.randrange(8)
+
+
+def _lose(frame: bytearray, rng: random.Random) -> None:
+    at = rng.randrange(len(frame))
+    del frame[at : at + rng.randint(1, 12)]
+
+
+def _double(frame: bytearray, rng: random.Random) -> None:
+    at = rng.randrange(len(frame))
+    frame[at:at] = frame[at : at + rng.randint(1, 12)]
+
+
+def _put_in(frame: bytearray, rng: random.Random) -> None:
+    at = rng.randrange(len(frame))
+    frame[at:at] = rng.randbytes(rng.randint(1, 3))
+
+
+def _exchange(frame: bytearray, rng: random.Random) -> None:
+    a, b = rng.randrange(len(frame)), rng.randrange(len(frame))
+    frame[a], frame[b] = frame[b], frame[a]
+
+
+def _noise(frame: bytearray, rng: random.Random) -> None:
+    frame[:] = rng.randbytes(rng.randint(1, 120))
+
+
+def _delimit(frame: bytearray, rng: random.Random) -> None:
+    frame[rng.randrange(len(frame))] = 0
+
+
+def _run_together(frame: bytearray, rng: random.Random) -> None:
+    del frame[-1]
+
+
+DAMAGES: tuple[Callable[[bytearray, random.Random], None], ...] = (
+    *(_flip, _flip, _lose, _double, _put_in, _exchange, _noise, _delimit, _run_together),
+)
+
+
+def corrupted_stream(count: int, rng: random.Random) -> tuple[bytes, list[Message]]:
+    """At least so many bytes between two delimiters, and the messages that are whole in it."""
+    pool = [encode(random_message(rng), rng.getrandbits(16)) for _ in range(POOL)]
+    stream = bytearray(b"\0")
+    while len(stream) < count:
+        frame = bytearray(rng.choice(pool))
+        if rng.random() > WHOLE_SHARE:
+            rng.choice(DAMAGES)(frame, rng)
+        stream += frame
+    stream += b"\0"
+    sent = {frame[:-1]: decode(frame[:-1])[1] for frame in pool}
+    return bytes(stream), [sent[piece] for piece in bytes(stream).split(b"\0")[:-1] if piece in sent]
+
+
+def received_in_python(stream: bytes) -> Received:
+    receiver = Receiver()
+    return Received(messages=receiver.feed(stream), counters=receiver.counters)
+
+
+def faults(stream: bytes, whole: list[Message]) -> list[str]:
+    """Lists what the two receivers did wrong."""
+    python, c = received_in_python(stream), received_in_c(stream)
+    found = []
+    for name, received in (("Python", python), ("C", c)):
+        if received.messages != whole:
+            found.append(f"{name}: {len(received.messages)} messages, not the {len(whole)} that are whole")
+    if python.counters != c.counters:
+        found.append(f"they count differently: {python.counters}, {c.counters}")
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--bytes", type=int, default=10_000_000)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    stream, whole = corrupted_stream(arguments.bytes, random.Random(arguments.seed))
+    started = time.monotonic()
+    found = faults(stream, whole)
+    counters = received_in_python(stream).counters
+    print(f"{len(stream)} bytes in {time.monotonic() - started:.1f} s; {len(whole)} whole frames; {counters}")
+    end("receivers", dict.fromkeys(found, True))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""Printed markers in the panels' place, and what reads them: OpenCV's ArUco detector, and AprilTag's own."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+
+from ledpi.core.records import Floats, Frame, Intrinsics, Pose, Rejected
+from ledpi.markers.codewords import Bits
+from ledpi.markers.dictionaries import load_dictionary, opencv_dictionary
+from ledpi.pose.corners import independent
+from ledpi.pose.planar import solve_square
+from ledpi.simulate.scene import Print, Scene
+from ledpi.tools.evaluate.reading import Found, Read
+
+Family = Literal["aruco", "apriltag"]
+
+# The most widely used family. Eight modules across, to ArUco's six: finer, but for that with far fewer false IDs.
+APRILTAG = "tag36h11"
+_OPENCV_APRILTAG = "DICT_APRILTAG_36h11"
+# Ink returns about a fifteenth of what paper does.
+INK = 0.06
+# Of full scale, in the suite wild: a panel's hot spots may saturate, paper that does has lost its edges.
+WHITEST_PAPER = 0.8
+_CORNER_SIGMA_PX = 0.2  # refined; only weighs the two solutions of the pose
+
+
+def has_apriltag() -> bool:
+    """Tells whether AprilTag's detector is installed (an optional extra)."""
+    return importlib.util.find_spec("pupil_apriltags") is not None
+
+
+def printed_scene(scene: Scene, family: Family, dictionary: str, paper_level: float) -> Scene:
+    """The scene with prints in place of its panels.
+
+    The outer edge of a print's black border is where the edge of the panel's lit grid is, its paper as bright as the
+    panel's bright bands: at short exposures that is far brighter than a room would light it.
+    """
+    prints = []
+    for panel in scene.panels:
+        assert panel.marker_id is not None
+        modules = printed_modules(family, dictionary, panel.marker_id)
+        prints.append(
+            Print(
+                modules=modules,
+                width_m=panel.spec.side_m,
+                motion=panel.motion,
+                white=paper_level,
+                black=INK * paper_level,
+            )
+        )
+    return replace(scene, panels=(), prints=(*scene.prints, *prints))
+
+
+def printed_id(family: Family, dictionary: str, marker_id: int) -> int:
+    """The ID that stands in for a panel's, where the printed family has fewer."""
+    return marker_id % len(_known(family, dictionary).bytesList)
+
+
+def printed_modules(family: Family, dictionary: str, marker_id: int) -> Bits:
+    """(n, n) modules of a marker with its black border, True where white."""
+    known = _known(family, dictionary)
+    side = known.markerSize + 2
+    picture = cv2.aruco.generateImageMarker(known, printed_id(family, dictionary, marker_id), side, borderBits=1)
+    return np.asarray(picture > 127)
+
+
+def _known(family: Family, dictionary: str) -> cv2.aruco.Dictionary:
+    if family == "aruco":
+        return opencv_dictionary(load_dictionary(dictionary))
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, _OPENCV_APRILTAG))
+
+
+class PrintReader:
+    """A detector of printed markers, and the pose of what it finds, by the same solver as the panels'."""
+
+    def __init__(
+        self, detect: Callable[[Frame], list[tuple[int, Floats]]], side_m: float, intrinsics: Intrinsics
+    ) -> None:
+        self._detect = detect
+        self._side_m = side_m
+        self._intrinsics = intrinsics
+
+    def read(self, frame: Frame) -> Read:
+        """Returns what is found in the next frame, and how long that took."""
+        start = time.perf_counter()
+        found = [
+            Found(id=marker_id, corners_px=corners, pose=self._pose(corners))
+            for marker_id, corners in self._detect(frame)
+        ]
+        return Read(found=tuple(found), dropped=(), milliseconds=1e3 * (time.perf_counter() - start))
+
+    def _pose(self, corners_px: Floats) -> Pose | None:
+        solved = solve_square(corners_px, independent(_CORNER_SIGMA_PX), self._side_m, self._intrinsics)
+        return None if isinstance(solved, Rejected) else solved[0].camera_from_marker
+
+
+def aruco_reader(dictionary: str, side_m: float, intrinsics: Intrinsics) -> PrintReader:
+    """OpenCV's detector with its defaults, and sub-pixel refinement."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    known = opencv_dictionary(load_dictionary(dictionary))
+    detector = cv2.aruco.ArucoDetector(known, parameters)
+
+    def detect(frame: Frame) -> list[tuple[int, Floats]]:
+        corners, ids, _ = detector.detectMarkers(frame.pixels)
+        if ids is None:
+            return []
+        quads = [np.asarray(quad, np.float64).reshape(4, 2) for quad in corners]
+        return list(zip((int(i) for i in np.ravel(ids)), quads, strict=True))
+
+    return PrintReader(detect, side_m, intrinsics)
+
+
+def apriltag_reader(side_m: float, intrinsics: Intrinsics) -> PrintReader:
+    """AprilTag's detector with its defaults, but at the picture's full resolution. Needs the extra `suites`."""
+    detector = _apriltag_detector()
+
+    def detect(frame: Frame) -> list[tuple[int, Floats]]:
+        return [(int(tag.tag_id), _reorder_corners(tag.corners)) for tag in detector.detect(frame.pixels)]
+
+    return PrintReader(detect, side_m, intrinsics)
+
+
+@cache
+def _apriltag_detector() -> Any:
+    """One for the whole process, and never freed: the package frees tag families that its detector then looks at."""
+    from pupil_apriltags import Detector
+
+    class Kept(Detector):  # type: ignore[misc]  # it has no types
+        def __del__(self) -> None:
+            pass
+
+    return Kept(families=APRILTAG, nthreads=1, quad_decimate=1.0)
+
+
+def _reorder_corners(corners: Floats) -> Floats:
+    """AprilTag's corners as OpenCV draws the same tag, from the top left clockwise, pixel centres at integers.
+
+    Its own order is top right, top left, bottom left, bottom right, and its pixel centres are at halves.
+    """
+    return np.asarray(corners[[1, 0, 3, 2]] - 0.5, np.float64)

@@ -1,0 +1,125 @@
+"""The surroundings of a take's panels: a page behind them, something in the way, something bright that touches them.
+
+Each draws from a stream of random numbers what a variation asks for, and nothing where it asks for nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from evaluation.suites.conditions import Variation
+from evaluation.suites.decoys import lamp
+from evaluation.suites.placing import Placer
+from ledpi.core.geometry import transform
+from ledpi.core.records import Floats
+from ledpi.simulate.scene import Light, Panel, Print, Ripple, SimulatedSensor
+from ledpi.simulate.trajectory import Still
+
+# A page behind a panel: spots across it, its width in the panel's sides, the share of ink, levels of paper and ink.
+PAGE_SPOTS, PAGE_SIDES, PAGE_INK, PAGE_WHITE, PAGE_BLACK = 20, 2.6, 0.35, (0.1, 0.25), (0.01, 0.05)
+# Of a frame: share of the panel's light, and its width as a share of the panel's side.
+FRAMES = {"bright": ((0.2, 0.6), (0.04, 0.2)), "white": ((0.8, 1.2), (0.01, 0.08))}
+TOUCHING_LEVEL = (0.1, 0.6)  # of what touches a panel, whose cells are at 0.35 to 0.7 in their middle
+
+
+def pages(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Print, ...]:
+    """Behind each panel a page with spots anywhere, of paper that is grey beside the panel's rim."""
+    if not variation.on_a_page:
+        return ()
+    pages = []
+    for panel in shown:
+        pose = panel.motion.scene_from_body(0.0).copy()
+        pose[:3, 3] *= 1.002  # along the same lines of sight, and surely behind
+        pages.append(
+            Print(
+                modules=extra.random((PAGE_SPOTS, PAGE_SPOTS)) > PAGE_INK,
+                width_m=PAGE_SIDES * panel.spec.side_m,
+                motion=Still(pose),
+                white=float(extra.uniform(*PAGE_WHITE)),
+                black=float(extra.uniform(*PAGE_BLACK)),
+            )
+        )
+    return tuple(pages)
+
+
+def occluders(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Light, ...]:
+    """Something dark before a corner or an edge of each panel, square to its sides."""
+    if not variation.hidden:
+        return ()
+    hidden = []
+    for panel in shown:
+        side, share = panel.spec.side_m, float(variation.hidden_share * extra.random())
+        turn = int(extra.integers(4)) * math.pi / 2.0
+        along = (0.5, 0.5) if variation.hidden == "corner" else (0.0, 0.5)
+        size = (2.0 * share, 2.0 * share) if variation.hidden == "corner" else (1.4, 2.0 * share)
+        nearer = 0.8  # so that it surely stands before the panel
+        at_m, size_m = (along[0] * side, along[1] * side), (size[0] * side, size[1] * side)
+        hidden.append(rectangle(panel, turn, at_m, size_m, depth=nearer))
+    return tuple(hidden)
+
+
+def touching(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Light, ...]:
+    """Something bright along a part of some sides of each panel, or more than all of it."""
+    lights = []
+    for panel in shown:
+        side = panel.spec.side_m
+        for turn in extra.permutation(4)[: variation.touching]:
+            along, width, height = extra.uniform((-0.5, 0.3, 0.3), (0.5, 1.5, 1.0)) * side
+            level = float(extra.uniform(*TOUCHING_LEVEL))
+            away = 0.5 * (side + height)
+            size_m = (float(width), float(height))
+            lights.append(rectangle(panel, turn * math.pi / 2.0, (along, away), size_m, depth=1.002, level=level))
+    return tuple(lights)
+
+
+def frames(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Light, ...]:
+    """A bright bezel around each panel: one that is white, or that the panel itself lights up."""
+    if variation.bezel not in FRAMES:
+        return ()
+    share_of_light, share_of_side = FRAMES[variation.bezel]
+    lights = []
+    for panel in shown:
+        level = float(panel.brightness * extra.uniform(*share_of_light))
+        size_m = float(panel.spec.side_m * (1.0 + 2.0 * extra.uniform(*share_of_side)))
+        lights.append(rectangle(panel, 0.0, (0.0, 0.0), (size_m, size_m), depth=1.002, level=level))
+    return tuple(lights)
+
+
+def rectangle(
+    panel: Panel,
+    turn_rad: float,
+    at_m: tuple[float, float],
+    size_m: tuple[float, float],
+    *,
+    depth: float,
+    level: float = 0.0,
+) -> Light:
+    """A light of `size_m` at a place in the panel's frame, as if turned with it about its middle.
+
+    On the same lines of sight, `depth` times as far away, and as much larger.
+    """
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    centre = np.array([c * at_m[0] - s * at_m[1], s * at_m[0] + c * at_m[1], 0.0])
+    in_panel = transform(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), centre)
+    pose: Floats = panel.motion.scene_from_body(0.0) @ in_panel
+    pose[:3, 3] *= depth
+    width_m, height_m = size_m[0] * depth, size_m[1] * depth
+    return Light(shape="rectangle", width_m=width_m, height_m=height_m, motion=Still(pose), level=level)
+
+
+def lamps_beside(
+    variation: Variation,
+    shown: tuple[Panel, ...],
+    sensor: SimulatedSensor,
+    ripple: Ripple | None,
+    extra: np.random.Generator,
+) -> tuple[Light, ...]:
+    """Other lamps that hide no panel, on the mains if they have a `ripple`."""
+    placer = Placer(sensor, extra)
+    for panel in shown:
+        placer.keep_free(panel.motion.scene_from_body(0.0)[:3, 3], panel.spec.side_m)
+    lamps = [light for _ in range(variation.lamps) if (light := lamp(placer, extra)) is not None]
+    return tuple(lamps if ripple is None else [replace(light, wave=ripple) for light in lamps])

@@ -1,0 +1,144 @@
+"""A unit of work: some takes of one condition, read by each method. A pure function of its values, but for the times.
+
+It is what is handed to a process, or to a cluster, and what is kept when a run is broken off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from evaluation.suites.conditions import Condition, Method
+from evaluation.suites.draw import Take, draw_take
+from evaluation.suites.oracle import oracle_reads
+from evaluation.suites.prints import WHITEST_PAPER, Family, apriltag_reader, aruco_reader, printed_id, printed_scene
+from evaluation.suites.wild import draw_wild
+from evaluation.suites.wild_rows import WILD
+from ledpi.config.panels import PanelSettings
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import Frame
+from ledpi.core.row_clock import RowClock
+from ledpi.simulate.render import Renderer
+from ledpi.simulate.scene import Scene
+from ledpi.simulate.sensor import sensor_info
+from ledpi.simulate.truth import scene_truth
+from ledpi.tools.evaluate import folder
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, PANEL_METHODS, STREAM_ROWS, PanelReader, Read, Row
+from ledpi.tools.evaluate.scoring import Expected, Tally
+
+TAKES_A_UNIT = 25  # a few seconds of work
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unit:
+    """All that a worker needs."""
+
+    seed: int
+    condition: Condition
+    first_take: int
+    takes: int
+    methods: tuple[Method, ...]
+    panels: PanelSettings
+    frame_duration_us: float | None = None  # None: as the daemon would choose it
+    code: str  # as `code_version` of whoever asks
+
+    @property
+    def key(self) -> str:
+        """One of a kind within a run."""
+        return f"{self.condition.name} #{self.first_take}"
+
+    def rows_of(self, method: Method) -> tuple[Row, ...]:
+        """The rows that a method fills. Of decoys all frames count, and none is special."""
+        if method != "stream":
+            return (method,)
+        return tuple(STREAM_ROWS) if self.condition.suite != "decoys" else ("stream_all",)
+
+
+def code_version() -> str:
+    """Returns what the results depend on, besides a unit's values: the sources of ledpi and of this package."""
+    return folder.code_version(Path(__file__).parent)
+
+
+def run_unit(unit: Unit) -> dict[str, Any]:
+    """{"unit": key, "rows": {row: Tally as JSON}}. Raises ConfigError on a worker that runs other code."""
+    if unit.code != code_version():
+        raise ConfigError(f"a worker runs other code: {code_version()}; must be {unit.code}, as here")
+    cv2.setNumThreads(1)  # units share the cores among them
+    rows: dict[Row, Tally] = {row: Tally() for method in unit.methods for row in unit.rows_of(method)}
+    for number in range(unit.first_take, unit.first_take + unit.takes):
+        if unit.condition.suite == "wild":
+            _read_wild(number, unit, rows)
+            continue
+        take = draw_take(unit.condition, unit.panels, unit.seed, number, unit.frame_duration_us)
+        for tally in rows.values():
+            tally.trials += max(1, len(take.scene.panels) if unit.condition.suite != "decoys" else 1)
+        _read_panels(take, number, unit, rows)
+        for family in ("aruco", "apriltag"):
+            if family in unit.methods:
+                _read_prints(take, number, unit, family, rows[family])
+    return {"unit": unit.key, "rows": {row: tally.as_json() for row, tally in rows.items()}}
+
+
+def _read_panels(take: Take, number: int, unit: Unit, rows: dict[Row, Tally]) -> None:
+    """Methods that keep nothing read one frame of a take: the others show the same. Of decoys they read all."""
+    sensor, panels = take.scene.sensor, unit.panels
+    info = sensor_info(sensor, take.reported_row_time)
+    clock = RowClock(info)  # of a camera that has run for a while: what its frames' times tell is known
+    for seq in range(FRAMES_A_TAKE):
+        clock.add(seq, sensor.row0_readout_ns(seq))
+    readers = {m: PanelReader(m, clock.corrected(info), panels) for m in PANEL_METHODS if m in unit.methods}
+    alone = 1 if unit.condition.suite != "decoys" else FRAMES_A_TAKE
+    for index, frame in enumerate(photographed(take, take.scene, FRAMES_A_TAKE if "stream" in readers else alone)):
+        expected = [Expected.from_truth(truth) for truth in scene_truth(take.scene, frame.seq)]
+        for method, reader in readers.items():
+            if method == "stream" or index < alone:
+                read = reader.read(clock.corrected(frame))
+                for row in unit.rows_of(method):
+                    if index in STREAM_ROWS.get(row, range(FRAMES_A_TAKE)):
+                        rows[row].add(read, expected, f"take {number}, frame {frame.seq}")
+
+
+def _read_prints(take: Take, number: int, unit: Unit, family: Family, tally: Tally) -> None:
+    """One frame, with prints in the panels' place."""
+    dictionary = unit.panels.dictionary
+    lens, side_m = take.scene.sensor.intrinsics, unit.panels.side_m
+    reader = aruco_reader(dictionary, side_m, lens) if family == "aruco" else apriltag_reader(side_m, lens)
+    for frame in photographed(take, printed_scene(take.scene, family, dictionary, take.peak_level), 1):
+        expected = [Expected.from_truth(truth) for truth in scene_truth(take.scene, frame.seq)]
+        expected = [replace(e, id=printed_id(family, dictionary, e.id)) for e in expected]
+        tally.add(reader.read(frame), expected, f"take {number}, frame {frame.seq}")
+
+
+def _read_wild(number: int, unit: Unit, rows: dict[Row, Tally]) -> None:
+    """The frames of a take that its row judges: by ledpi, with the true corners given, and of a print."""
+    asked, take = WILD[unit.condition.case], draw_wild(unit.condition.case, unit.panels, unit.seed, number)
+    sensor, (panel,) = take.scene.sensor, take.scene.panels
+    frames = list(photographed(take, take.scene, asked.judged.stop))
+    truths = [scene_truth(take.scene, frame.seq) for frame in frames]
+    reads: dict[Row, list[Read]] = {}
+    if "ledpi" in unit.methods:
+        reader = PanelReader("likelihood" if asked.is_single else "stream", sensor_info(sensor), unit.panels)
+        reads["ledpi"] = [reader.read(frame) for frame in frames]
+    if "oracle" in unit.methods:
+        views = [(frame, truth.corners_px) for frame, (truth,) in zip(frames, truths, strict=True)]
+        spec = unit.panels.spec(panel.marker_id)
+        reads["oracle"] = oracle_reads(views, sensor.intrinsics, unit.panels.dictionary, spec)
+    if "aruco" in unit.methods:
+        scene = printed_scene(take.scene, "aruco", unit.panels.dictionary, min(take.peak_level, WHITEST_PAPER))
+        prints = aruco_reader(unit.panels.dictionary, unit.panels.side_m, sensor.intrinsics)
+        reads["aruco"] = [prints.read(frame) for frame in photographed(take, scene, asked.judged.stop)]
+    for row, tally in rows.items():
+        tally.trials += 1
+        for seq in asked.judged:
+            tally.add(reads[row][seq], [Expected.from_truth(t) for t in truths[seq]], f"take {number}, frame {seq}")
+
+
+def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:
+    """The first frames of a take, with what the driver says of them."""
+    renderer = Renderer(scene, seed=take.seed)
+    for seq in range(frames):
+        yield renderer.frame(seq, reported_row_time=take.reported_row_time)

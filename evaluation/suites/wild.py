@@ -1,0 +1,181 @@
+"""Draws a take of the suite `wild`: a panel as anybody may have built it, seen by any camera, all varied at once."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+
+from evaluation.suites.draw import Take, brightness_of, drawable_ids
+from evaluation.suites.placing import place_in_view
+from evaluation.suites.surroundings import rectangle
+from evaluation.suites.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
+from ledpi.config.panels import PanelSettings
+from ledpi.core.records import Floats, Intrinsics, PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.simulate.scene import Floor, Light, Panel, PanelAppearance, Print, Room, Scene, SimulatedSensor
+from ledpi.simulate.scenes import whole_rows_us
+from ledpi.simulate.trajectory import Still
+
+PAGE_SIDES, PAGE_INK = 2.5, 0.35  # its width in sides of the panel, the share of its spots that are dark
+CRYSTAL_PPM = 100.0  # that an oscillator may be off by
+FAULTY = 1 / 16  # of the panels have a dead cell; of as many, something hides a strip
+
+
+def draw_wild(row: str, panels: PanelSettings, seed: int, number: int) -> Take:
+    """Take `number` of a row. What a range cannot say, as which cell is dead, comes from a stream of random numbers."""
+    values = drawn(TAKE_SPANS, row, seed, number)
+    rng = np.random.default_rng((seed, zlib.crc32(row.encode()), number))
+    sensor = draw_camera(row, seed, number)
+    panel = _panel(values, row, panels, sensor, rng)
+    pose = panel.motion.scene_from_body(0.0)
+    scene = Scene(
+        sensor=sensor,
+        room=Room(
+            level=values["room_level"],
+            contrast=values["room_contrast"],
+            distance_m=float(pose[2, 3]) + 2.5,
+            texture=int(rng.integers(2**31)),
+        ),
+        panels=(panel,),
+        prints=_page(values, panel, rng),
+        lights=(*_frame(values, panel), *_hiding(values, panel, rng)),
+        floor=_floor(values, pose, panel.spec.side_m),
+    )
+    return Take(scene=scene, peak_level=values["peak_level"], seed=int(rng.integers(2**63)), reported_row_time=1.0)
+
+
+def draw_camera(row: str, seed: int, number: int) -> SimulatedSensor:
+    """The camera of take `number`, which it shares with the others that are written into one recording."""
+    values = drawn(CAMERA_SPANS, row, seed, number // TAKES_A_CAMERA)
+    k1, row_time_us = values["k1"], values["row_time_us"]
+    return SimulatedSensor(
+        intrinsics=Intrinsics(
+            width=640,
+            height=480,
+            fx=values["focal_px"],
+            fy=values["focal_px"],
+            cx=319.5 + values["centre_x"],
+            cy=239.5 + values["centre_y"],
+            distortion=(k1, -2.0 * k1, 0.005 * k1, -0.005 * k1, 0.6 * k1),  # in the proportions of the Pi's lens
+        ),
+        exposure_us=whole_rows_us(WILD[row].exposure_us, row_time_us),
+        row_time_us=row_time_us,
+        frame_length_rows=round(values["frame_length_rows"]),
+        transfer="linear" if values["tone"] < 0.5 else "srgb",
+        psf_sigma_px=values["psf_sigma_px"],
+        defocus_px=values["defocus_px"],
+        full_well_e=values["full_well_e"],
+        read_noise_e=values["read_noise_e"],
+    )
+
+
+def _panel(
+    values: dict[str, float], row: str, panels: PanelSettings, sensor: SimulatedSensor, rng: np.random.Generator
+) -> Panel:
+    dictionary = load_dictionary(panels.dictionary)
+    drawable = drawable_ids(panels)
+    marker_id = drawable[int(values["id"] * len(drawable))]
+    spec = panels.spec(marker_id)
+    (pose,) = place_in_view(
+        [(0.0, spec.side_m, values["roll_deg"])],
+        _draw_between(*WILD[row].distance_m, values["distance"]),
+        _yaw_deg(row, values["yaw"]),
+        np.array([values["place_x"], values["place_y"]]),
+        sensor,
+    )
+    return Panel(
+        codeword=dictionary.codeword(marker_id),
+        spec=_apply_tolerances(spec, rng),
+        motion=Still(pose),
+        marker_id=marker_id,
+        brightness=brightness_of(values["peak_level"], spec, sensor),
+        cell_gains=_gains(values, dictionary.cells_per_side, rng),
+        appearance=_appearance(values),
+    )
+
+
+def _draw_between(low: float, high: float, share: float) -> float:
+    """Each doubling as frequent."""
+    return float(low * (high / low) ** share)
+
+
+def _yaw_deg(row: str, share: float) -> float:
+    low, high = WILD[row].yaw_deg
+    return float(np.copysign(low + abs(share) * (high - low), share))
+
+
+def _apply_tolerances(spec: PanelSpec, rng: np.random.Generator) -> PanelSpec:
+    off = 1.0 + 1e-6 * CRYSTAL_PPM * rng.uniform(-1.0, 1.0, len(spec.waves_hz))
+    return spec.retune([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=True)])
+
+
+def _gains(values: dict[str, float], n: int, rng: np.random.Generator) -> Floats:
+    gains = 1.0 + values["gain"] * rng.uniform(-1.0, 1.0, (n, n))
+    if values["fault"] < FAULTY:
+        gains.flat[rng.integers(n * n)] = 0.0
+    return gains
+
+
+def _appearance(values: dict[str, float]) -> PanelAppearance:
+    leds = 1 if values["leds"] < 0.5 else 2 if values["leds"] < 0.75 else 3
+    equal = values["equal_cells"] >= 0.75
+    return PanelAppearance(
+        gap=values["gap"] / 2.0 if equal else values["gap"],
+        equal_cells=equal,
+        bezel=max(0.0, values["bezel"]),
+        falloff=values["falloff"],
+        hot_spot=values["hot_spot"],
+        hot_spot_sigma=values["hot_spot_sigma"] / leds,
+        leds=leds,
+        depth=max(0.0, values["depth"]),
+        wall_glow=values["wall_glow"],
+        albedo=values["albedo"],
+    )
+
+
+def _page(values: dict[str, float], panel: Panel, rng: np.random.Generator) -> tuple[Print, ...]:
+    """Spots of any level about the room's, close behind the panel: letters, tiles, bricks, leaves."""
+    if values["page"] <= 0:
+        return ()
+    pose = panel.motion.scene_from_body(0.0).copy()
+    pose[:3, 3] *= 1.004  # behind a bright frame, too
+    spots = round(PAGE_SIDES * values["page_spots"])
+    return (
+        Print(
+            modules=rng.random((spots, spots)) > PAGE_INK,
+            width_m=PAGE_SIDES * panel.spec.side_m,
+            motion=Still(pose),
+            white=values["room_level"] * (1.0 + values["page"]),
+            black=values["room_level"] * (1.0 - values["page"]),
+        ),
+    )
+
+
+def _frame(values: dict[str, float], panel: Panel) -> tuple[Light, ...]:
+    """A bright frame, that the panel lights or the room does, close behind it."""
+    if values["frame_level"] <= 0:
+        return ()
+    side_m = panel.spec.side_m * (1.0 + 2.0 * (values["frame_width"] + max(0.0, values["bezel"]) / len(panel.codeword)))
+    level = values["frame_level"] * panel.brightness
+    return (rectangle(panel, 0.0, (0.0, 0.0), (side_m, side_m), depth=1.002, level=level),)
+
+
+def _hiding(values: dict[str, float], panel: Panel, rng: np.random.Generator) -> tuple[Light, ...]:
+    """Something well before the panel that hides a strip along one side."""
+    if not FAULTY <= values["fault"] < 2.0 * FAULTY:
+        return ()
+    side_m = panel.spec.side_m
+    turn = float(rng.integers(4)) * np.pi / 2.0
+    size_m = (1.4 * side_m, 2.0 * values["hidden"] * side_m)
+    return (rectangle(panel, turn, (0.0, 0.5 * side_m), size_m, depth=0.8, level=values["hidden_level"]),)
+
+
+def _floor(values: dict[str, float], pose: Floats, side_m: float) -> Floor | None:
+    """Below the panel's lowest corner, and below the camera."""
+    if values["floor"] <= 0:
+        return None
+    half = side_m / 2.0
+    corners_m = half * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
+    lowest_m = float((corners_m @ pose[1, :3]).max() + pose[1, 3])
+    return Floor(y_m=max(lowest_m + values["floor_below"] * side_m, 0.05), reflectance=values["floor"])

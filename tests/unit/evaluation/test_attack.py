@@ -1,0 +1,139 @@
+"""`evaluation/endurance/attack.py`: that it attacks, and that it would tell what it finds."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evaluation.endurance import attack as bench
+from evaluation.endurance import sanitized
+from evaluation.endurance.hostile import check_numbers
+from evaluation.endurance.hostile_frames import draw_camera, draw_panels, frames
+from evaluation.endurance.hostile_pictures import KINDS, Drawing, Rng
+from evaluation.endurance.hostile_recordings import damage, decode, write_sound
+from ledpi.core.errors import LedpiError
+from ledpi.pipeline.pipeline import Pipeline
+from tests.builders.decode import (
+    FRAME_ROWS,
+    PINHOLE,
+    ROW_TIME_US,
+    SHORT_US,
+    TRUE_10_MS_US,
+    Canvas,
+    camera_info,
+    panel_settings,
+    square,
+    word,
+)
+from tests.builders.wire import decoded, marker_pose
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
+
+
+@pytest.mark.slow
+@needs_gcc
+def test_an_attack_does_not_begin_where_nothing_is_seen(tmp_path: Path) -> None:
+    """Python takes the core that is installed here, which is not watched."""
+    with pytest.raises(RuntimeError, match="do not see"):
+        sanitized.check_it_sees(sanitized.environment(tmp_path))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_each_kind_of_picture_shows_something(kind: Callable[[Drawing, Rng], None]) -> None:
+    """Has finite light, in a picture of any size; most of the time, as some of it may lie outside."""
+    lit = 0
+    for seed in range(10):
+        drawing = Drawing(64, 48, "DICT_4X4_50")
+        kind(drawing, np.random.default_rng(seed))
+        assert drawing.light.shape == (3, 48, 64)
+        assert np.isfinite(drawing.light).all()
+        lit += bool(drawing.light.any())
+    assert lit >= 6
+
+
+def scene(seed: int) -> list[tuple[int, bytes]]:
+    """When its frames were read out, and their pixels."""
+    rng = np.random.default_rng(seed)
+    camera, panels = draw_camera(rng, easy=False), draw_panels(rng)
+    drawn = frames(camera, panels, rng, seed, easy=False)
+    return [(frame.row0_readout_ns, frame.pixels.tobytes()) for frame in drawn]
+
+
+def test_a_scene_is_the_same_again() -> None:
+    """So that what was found can be found again."""
+    assert scene(5) == scene(5)
+    assert scene(5) != scene(6)
+
+
+def test_a_place_that_is_no_number_is_reported() -> None:
+    """Looks at what a decoder says, too."""
+    pose = marker_pose(7, 0)
+    check_numbers(decoded(pose))
+    assert pose.solution is not None
+    pose.solution.camera_from_marker.position_m[1] = np.nan
+    with pytest.raises(ValueError, match="nan"):
+        check_numbers(decoded(pose))
+
+
+@pytest.mark.slow
+def test_damaged_recordings_are_refused_or_decoded(tmp_path: Path) -> None:
+    """Some of either: neither is all damage too much for them, nor none of it enough."""
+    sound, markers, refused = tmp_path / "sound", 0, 0
+    write_sound(sound)
+    for number in range(20):
+        take = Path(shutil.copytree(sound, tmp_path / str(number)))
+        damage(take, random.Random(number))
+        try:
+            markers += sum(len(each.markers) for each in decode(take))
+        except LedpiError:
+            refused += 1
+    assert 3 <= refused <= 17
+    assert markers > 0
+
+
+@pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 600.0, SHORT_US])
+def test_a_panel_is_followed_out_of_the_picture(exposure_us: float) -> None:
+    """Until nothing is left of it: OpenCV once threw at a window without pixels, and numpy warned of no numbers."""
+    path = Pipeline(camera_info(exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE)
+    read = []
+    for seq in range(8):
+        canvas = Canvas(exposure_us=exposure_us)
+        canvas.panel(square(560.3 + 18 * seq, 240.6, 90, 4), word(7), start_us=seq * FRAME_ROWS * ROW_TIME_US)
+        told = path.decode(canvas.frame(seq, seq=seq))
+        check_numbers(told)
+        read.append(len(told.markers))
+    assert (read[0], read[-1]) == (1, 0)
+
+
+def fails(tmp_path: Path, program: str) -> bool:
+    """Tells whether an attack that is this program has failed."""
+    found = bench.Attack("pictures", [sys.executable, "-c", program], "scene", 3)
+    return not bench.run([found], dict(os.environ), tmp_path, 0.0)
+
+
+def test_a_failure_is_reported_with_the_command_that_repeats_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Tells what the sanitizers said, and the scene that was begun last."""
+    assert not fails(tmp_path, "print('scene 6'); print('scene 7'); print('Tally()')")
+    assert "nothing found: Tally()" in capsys.readouterr().out
+    assert fails(tmp_path, "print('scene 6'); print('scene 7'); raise SystemExit('runtime error: shift')")
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "pictures: FAILED, status 1"
+    assert said[1:] == ["runtime error: shift", "again: python -m evaluation.endurance attack --seed 3 --scene 7"]
+
+
+def test_what_hangs_has_failed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is ended, and told."""
+    monkeypatch.setattr(bench, "GRACE_S", 0.5)
+    assert fails(tmp_path, "import time; time.sleep(600)")
+    assert "pictures: FAILED, it hung" in capsys.readouterr().out

@@ -1,0 +1,38 @@
+"""`evaluation/speed/instructions.py`: that it sees what has grown, and counts what it says."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+from evaluation.speed.instructions import FIGURES, KINDS, OURS, grown, thousands_a_frame
+
+BEFORE = {"searched": 20_000, "followed": 3_000}
+
+
+@pytest.mark.parametrize(
+    ("searched", "followed", "expected"),
+    [(20_000, 3_000, []), (21_900, 3_290, []), (22_100, 3_000, ["searched"]), (10_000, 3_400, ["followed"])],
+)
+def test_what_takes_a_tenth_more_than_before_is_named(searched: int, followed: int, expected: list[str]) -> None:
+    """Either kind; less is no fault."""
+    assert grown({"searched": searched, "followed": followed}, BEFORE) == expected
+
+
+def test_figures_are_kept_of_both_kinds() -> None:
+    """Keeps millions of instructions a frame."""
+    kept = json.loads(FIGURES.read_text(encoding="utf-8"))
+    assert set(kept) == set(OURS)
+    assert all(1_000 < thousands < 1_000_000 for thousands in kept.values())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not here (apt install valgrind)")
+def test_no_frame_takes_a_tenth_more_than_is_kept() -> None:
+    """`python -m evaluation.speed instructions` prints the figures; `--renew` keeps new ones, where more is meant."""
+    counted = thousands_a_frame()
+    assert set(counted) == set(KINDS)
+    assert 1_000 < counted["followed"] < counted["searched"]
+    assert grown(counted, json.loads(FIGURES.read_text(encoding="utf-8"))) == []
