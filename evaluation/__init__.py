@@ -1,4 +1,4 @@
-"""Measurements, by what they measure: `accuracy`, `speed` and `endurance`."""
+"""Measurements, by what they measure: `accuracy`, `speed`, `endurance`, and `drives` of a robot."""
 
 from __future__ import annotations
 

@@ -44,5 +44,5 @@ def _draw_drive(axes: Axes, driven: Driven) -> None:
     for panel, (x, y, _) in PANELS.items():
         axes.plot(x, y, "s", color="tab:orange")
         axes.annotate(str(panel), (x, y), (4, 4), textcoords="offset points")
-    axes.set(xlabel="m", aspect="equal", title="the first drive, 60 s")
-    axes.legend(loc="upper right")
+    axes.set(xlabel="the first drive: x, m", ylabel="y, m", aspect="equal")
+    axes.legend(loc="upper center", ncols=2)
