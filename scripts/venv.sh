@@ -40,11 +40,11 @@ make_venv() {
     printf '%s\n' "$wanted" >"$venv/inputs"
 }
 
-# By uv where it is there or can be had, as it takes a fifth of pip's time; by pip otherwise. Python compiles what it
-# imports, pip would compile a gigabyte. `compat`: the folder itself is on Python's path, where pyright and editors find
-# ledpi, too.
+# By uv where it is there or can be had, as it takes a fifth of pip's time; by pip otherwise, or where uv fails. Python
+# compiles what it imports, pip would compile a gigabyte. `compat`: the folder itself is on Python's path, where pyright
+# and editors find ledpi, too.
 install_into() {
-    local venv=$1 extra=$2 quiet=() uv installer
+    local venv=$1 extra=$2 quiet=() uv arguments
     shift 2
     [[ -t 2 ]] || quiet=(--quiet)
     echo "$0: installing ${extra:+the $extra tools }into $venv (once; a minute or so)" >&2
@@ -52,8 +52,7 @@ install_into() {
     if [[ -z $uv ]] && "$venv/bin/pip" install --quiet --disable-pip-version-check --no-compile uv 2>/dev/null; then
         uv=$venv/bin/uv
     fi
-    installer=("$venv/bin/pip" install --disable-pip-version-check --no-compile)
-    if [[ -n $uv ]]; then installer=("$uv" pip install --python "$venv/bin/python"); fi
-    "${installer[@]}" "${quiet[@]}" "$@" \
-        --config-settings editable_mode=compat --editable ".${extra:+[$extra]}" >&2
+    arguments=("${quiet[@]}" "$@" --config-settings editable_mode=compat --editable ".${extra:+[$extra]}")
+    if [[ -n $uv ]] && "$uv" pip install --python "$venv/bin/python" "${arguments[@]}" >&2; then return; fi
+    "$venv/bin/pip" install --disable-pip-version-check --no-compile "${arguments[@]}" >&2
 }

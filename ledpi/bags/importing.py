@@ -1,46 +1,27 @@
 """A bag, or a video, → a recording.
 
-A bag of ours holds a recording, which comes back as it was, byte by byte. Of another one the grey pictures and the lens
-are taken; what it does not say (row time, exposure, panels) the configuration must.
+A bag of ours holds a recording, which comes back as it was. Of another one the grey pictures and the lens are taken;
+what it does not say (row time, exposure, panels) the configuration must.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
 
-import cv2
-import numpy as np
-
-from ledpi.bags.bounds import libraries_silent, memory_bounded
-from ledpi.bags.contents import Compressed, Image, Info, Text, checked, lens_of_info, luma_of_compressed, luma_of_image
-from ledpi.bags.names import FRAME, IMAGE, METADATA, TRUTH
-from ledpi.bags.reading import Item, Warn, messages
+from ledpi.bags.bounds import memory_bounded
+from ledpi.bags.names import METADATA
+from ledpi.bags.own import restore_recording
+from ledpi.bags.pictures import Picture, pictures_of_bag, pictures_of_video
+from ledpi.bags.reading import Warn, messages
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
-from ledpi.config.values import MAX_SIDE_PX
-from ledpi.core.errors import ConfigError, LedpiError, RecordingError
-from ledpi.core.files import not_written, parse_json
-from ledpi.core.records import CameraInfo, Frame, Intrinsics, Pixels
-from ledpi.core.wording import shortened
-from ledpi.markers.dictionaries import is_file
-from ledpi.recording.format import (
-    FRAMES_FILE,
-    HEADER_FILE,
-    MAX_LINE,
-    TRUTH_FILE,
-    FrameLine,
-    TruthLine,
-    read_header,
-)
+from ledpi.core.errors import ConfigError, RecordingError
+from ledpi.core.records import CameraInfo, Frame
 from ledpi.recording.writer import RecordingWriter
-from ledpi.ros.contents import CAMERA_INFO, COMPRESSED_IMAGE
 
-IMAGES = {"sensor_msgs/msg/Image", COMPRESSED_IMAGE}
-Line = TypeVar("Line", FrameLine, TruthLine)
 NO_LENS = "has no camera info: the recording has no lens, and gives IDs without poses; or set camera.intrinsics"
 
 
@@ -52,216 +33,15 @@ def import_bag(config: Config, path: Path, out: Path, topic: str | None, warn: W
         if first is None:
             raise RecordingError(f"{path}: is empty: it holds no message")
         if first.topic == METADATA and not first.type:
-            yield from _restore(first.read(), items, path, out)
+            yield from restore_recording(first.read(), items, path, out)
         else:
-            yield from _write(config, _pictures(_with_first(first, items), path, topic), path, out, warn)
-
-
-def _with_first(first: Item, items: Iterator[Item]) -> Iterator[Item]:
-    yield first
-    yield from items
-
-
-# ---- A bag of ours
-
-
-def _restore(words: dict[str, str], items: Iterator[Item], path: Path, out: Path) -> Iterator[int]:
-    """The recording's files, as they were. A picture comes before its line; without that it is left out."""
-    _begin(out, words, path)
-    png, count = b"", 0
-    with _new(out / FRAMES_FILE) as frames:
-        for item in items:
-            if item.topic == IMAGE and item.type == COMPRESSED_IMAGE:
-                png = checked(Compressed, item.read(), f"{path}: {IMAGE}").data.tobytes()
-            elif item.topic == FRAME:
-                text = _line(item, path)
-                _put(_inside(out, _parsed(text, FrameLine, path).file, path), png)
-                frames.write(f"{text}\n".encode())
-                count += 1
-                yield count
-            elif item.topic == TRUTH:
-                text = _line(item, path)
-                _parsed(text, TruthLine, path)
-                with (out / TRUTH_FILE).open("ab") as truth:
-                    truth.write(f"{text}\n".encode())
-
-
-def _begin(out: Path, words: dict[str, str], path: Path) -> None:
-    """Makes the folder, with a header that can be read; else nothing is left of it."""
-    if HEADER_FILE not in words or any(not _is_name(name) for name in words):
-        raise RecordingError(f"{path}: its metadata {METADATA} is not of a recording")
-    _check_new(out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise not_written(out, error, RecordingError) from None
-    for name, text in words.items():
-        _put(out / name, text.encode())
-    try:
-        read_header(out / HEADER_FILE)
-    except LedpiError as error:
-        for name in words:
-            (out / name).unlink()
-        raise RecordingError(f"{path}: {str(error).removeprefix(f'{out}/')}") from None
-
-
-def _is_name(name: str) -> bool:
-    """Tells whether it names a file in a folder: of its own there are only a header and a dictionary."""
-    return name == HEADER_FILE or (Path(name).name == name and is_file(name) and name.isprintable())
-
-
-def _inside(out: Path, name: str, path: Path) -> Path:
-    """A picture's file. Nothing in a folder that this has made leads out of it."""
-    if not name.isprintable() or len(PurePosixPath(name).parts) > 2 or not name.endswith(".png"):
-        raise RecordingError(f"{path}: {FRAME}: {shortened(name)} must be a name as frames/000000.png")
-    return out / name
-
-
-def _line(item: Item, path: Path) -> str:
-    text = checked(Text, item.read(), f"{path}: {item.topic}").data
-    if len(text) > MAX_LINE or "\n" in text:
-        raise RecordingError(f"{path}: {item.topic}: must be lines of at most {MAX_LINE:,} characters")
-    return text
-
-
-def _parsed(text: str, model: type[Line], path: Path) -> Line:
-    try:
-        return model.model_validate(parse_json(text))
-    except ValueError:
-        name = FRAME if model is FrameLine else TRUTH
-        raise RecordingError(f"{path}: {name}: holds what is no line of a recording") from None
-
-
-def _put(path: Path, data: bytes) -> None:
-    try:
-        path.parent.mkdir(exist_ok=True)
-    except OSError as error:
-        raise not_written(path.parent, error, RecordingError) from None
-    with _new(path) as file:
-        file.write(data)
-
-
-def _new(path: Path) -> Any:
-    return _File(path)
-
-
-class _File:
-    """A new file, whose errors are RecordingErrors."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> _File:
-        try:
-            self._file = self._path.open("xb", buffering=0)
-        except OSError as error:
-            raise self._failure(error) from None
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-    def write(self, data: bytes) -> None:
-        try:
-            view = memoryview(data)
-            while view:
-                view = view[self._file.write(view) :]
-        except OSError as error:
-            raise self._failure(error) from None
-
-    def _failure(self, error: OSError) -> LedpiError:
-        return not_written(self._path, error, RecordingError)
-
-
-# ---- Any other bag, or a video
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
-    """One picture of somebody else's, and the lens where it is known."""
-
-    pixels: Pixels  # (H, W)
-    time_ns: int
-    lens: Intrinsics | None
-
-
-def _pictures(items: Iterator[Item], path: Path, topic: str | None) -> Iterator[Picture]:
-    """Yields those of one topic. The lens is the last that was told before the first picture."""
-    seen: set[str] = set()
-    infos: dict[str, Info] = {}
-    last_ns: int | None = None
-    for item in items:
-        if item.type == CAMERA_INFO and last_ns is None:
-            infos[item.topic] = checked(Info, item.read(), f"{path}: {item.topic}")
-        if item.type not in IMAGES:
-            continue
-        seen.add(item.topic)
-        if topic is None and len(seen) > 1:
-            raise RecordingError(f"{path}: has pictures on several topics; --topic {' or '.join(sorted(seen))}")
-        if topic is None or item.topic == topic:
-            picture = _picture(item, {} if last_ns is not None else infos, path)
-            if last_ns is not None and picture.time_ns <= last_ns:
-                raise RecordingError(
-                    f"{path}: {item.topic}: header stamps must increase from picture to picture, and {picture.time_ns} "
-                    f"ns follows {last_ns} ns: bag the topic of a driver that stamps each exposure"
-                )
-            last_ns = picture.time_ns
-            yield picture
-    if topic is not None and topic not in seen:
-        there = ", ".join(sorted(seen)) or "no pictures"
-        raise RecordingError(f"{path}: has no pictures on {topic}; it has: {there}")
-
-
-def _picture(item: Item, infos: Mapping[str, Info], path: Path) -> Picture:
-    message, where = item.read(), f"{path}: {item.topic}"
-    if item.type == COMPRESSED_IMAGE:
-        coded = checked(Compressed, message, where)
-        stamp, pixels = coded.header.stamp, luma_of_compressed(coded, where)
-    else:
-        image = checked(Image, message, where)
-        stamp, pixels = image.header.stamp, luma_of_image(image, where)
-    return Picture(pixels=pixels, time_ns=stamp.time_ns, lens=_lens(item.topic, infos, pixels, path))
-
-
-def _lens(topic: str, infos: Mapping[str, Info], pixels: Pixels, path: Path) -> Intrinsics | None:
-    """That of the topic's own camera (`/cam/image_raw` and `/cam/camera_info`); of a single other one, where it is."""
-    own = [name for name in infos if name.count("/") > 1 and topic.startswith(name.rpartition("/")[0] + "/")]
-    names = sorted(own, key=len)[-1:] or (list(infos) if len(infos) == 1 else [])
-    height, width = pixels.shape
-    return next((lens_of_info(infos[name], width, height, f"{path}: {name}") for name in names), None)
+            yield from _write(config, pictures_of_bag(chain([first], items), path, topic), path, out, warn)
 
 
 def import_video(config: Config, path: Path, out: Path, warn: Warn) -> Iterator[int]:
     """As `import_bag`. The pictures' times are the video's own. Raises LedpiError."""
     with memory_bounded(path):
-        yield from _write(config, _of_video(path), path, out, warn)
-
-
-def _of_video(path: Path) -> Iterator[Picture]:
-    if not path.is_file():
-        raise RecordingError(f"{path}: no such file")
-    with libraries_silent():
-        video = cv2.VideoCapture(str(path))
-    if not video.isOpened():
-        raise RecordingError(f"{path}: cannot be read as a video; is it whole? One that was cut off has no index")
-    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # rows as the sensor read them, however the phone was held
-    if max(video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) > MAX_SIDE_PX:
-        raise RecordingError(f"{path}: has pictures of more than {MAX_SIDE_PX} pixels a side; must be smaller")
-    rate_hz = video.get(cv2.CAP_PROP_FPS)
-    last_ns, period_ns = -1, round(1e9 / (rate_hz if 0.001 < rate_hz < 1e6 else 30.0))
-    try:
-        while True:
-            with libraries_silent():
-                there, picture = video.read()
-            if not there:
-                return
-            at_ms = video.get(cv2.CAP_PROP_POS_MSEC)
-            time_ns = round(at_ms * 1e6) if math.isfinite(at_ms) else -1
-            last_ns = time_ns = time_ns if time_ns > last_ns else last_ns + period_ns
-            grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-            yield Picture(pixels=np.asarray(grey, np.uint8), time_ns=time_ns, lens=None)
-    finally:
-        video.release()
+        yield from _write(config, pictures_of_video(path), path, out, warn)
 
 
 def _write(config: Config, pictures: Iterator[Picture], path: Path, out: Path, warn: Warn) -> Iterator[int]:
@@ -277,7 +57,7 @@ def _write(config: Config, pictures: Iterator[Picture], path: Path, out: Path, w
         out, camera=camera, dictionary=panels.dictionary, panel=panels.spec(), note=f"imported from {path.name}"
     )
     with writer:
-        for picture in _with_first_picture(first, pictures):
+        for picture in chain([first], pictures):
             if picture.pixels.shape != (camera.height, camera.width):
                 raise RecordingError(
                     f"{path}: holds pictures of several sizes; must be {camera.width} × {camera.height}"
@@ -285,11 +65,6 @@ def _write(config: Config, pictures: Iterator[Picture], path: Path, out: Path, w
             writer.write(_frame(picture, camera, seq), wall_clock_offset_ns=0)
             seq += 1
             yield seq
-
-
-def _with_first_picture(first: Picture, pictures: Iterator[Picture]) -> Iterator[Picture]:
-    yield first
-    yield from pictures
 
 
 def _camera(config: Config, first: Picture, path: Path) -> CameraInfo:
@@ -320,8 +95,3 @@ def _frame(picture: Picture, camera: CameraInfo, seq: int) -> Frame:
         row_time_us=camera.row_time_us,
         transfer=camera.transfer,
     )
-
-
-def _check_new(out: Path) -> None:
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise RecordingError(f"{out}: is not empty; a recording needs a new or an empty folder")

@@ -43,6 +43,8 @@ KINDS = (LENS, MAP, DICTIONARY, CERTIFICATES, RULE, CONFIG)
 EXAMPLE = "config.example.yaml"  # of scripts/install
 MOST_FILES = 64
 MAX_BYTES = 8 * MAX_TEXT_BYTES  # of all of them: unpacked, and packed
+# Unpacked piece by piece. Of bzip2 and LZMA zipfile unpacks 4 kB at once, which may be gigabytes.
+_BOUNDED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _UNIT = re.compile(r"ledpi(-view|-bridge)?(@[A-Za-z0-9_-]{1,80})?")
 
 # What zipfile and json raise for an archive that is none: one that is locked, or packed in a way of its own, too.
@@ -275,6 +277,8 @@ def _files(archive: zipfile.ZipFile, contents: list[dict[str, Any]]) -> Iterator
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> bytes:
+    if archive.getinfo(name).compress_type not in _BOUNDED:
+        raise ValueError
     with archive.open(name) as member:  # which checks the CRC at its end
         content = member.read(MAX_TEXT_BYTES + 1)
     if len(content) > MAX_TEXT_BYTES:

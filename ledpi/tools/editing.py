@@ -14,13 +14,14 @@ from ledpi.config.overrides import apply_override, parse_override
 from ledpi.config.settings import sections
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import parse_yaml, read_bytes
+from ledpi.core.mounts import lost_at_reboot
 from ledpi.core.wording import shortened_name
 from ledpi.tools.backup import CONFIG, RULE, Kept, collect, enabled_units, is_service, pack, to_write, unpack
 from ledpi.tools.calibrate.config_file import change_config, changed_safely, check_changeable
 from ledpi.tools.calibrate.files import changing, newest_kept, write_keeping_old, write_locked
 
 _TOKEN = ("view", "token")
-_APPLIED = {"view": "; start ledpi view again to apply it", "outputs": "; start its bridge again to apply it"}
+_APPLIED = {"view": "start ledpi view again to apply it", "outputs": "start its bridge again to apply it"}
 
 
 def is_permitted(file: Path, overrides: Sequence[str] = ()) -> bool:
@@ -111,7 +112,8 @@ def answer(file: Path, request: Mapping[str, Any]) -> str:
     match request:
         case {"do": "set", "key": str(key), "value": str(value)}:
             set_keys(file, [f"{key}={value}"])
-            return f"{key}: saved{_APPLIED.get(key.partition('.')[0] if key != 'view.edit' else key, '')}"
+            applied = _APPLIED.get(key.partition(".")[0], "") if key != "view.edit" else ""
+            return "; ".join(filter(None, (f"{key}: saved", applied, lost_at_reboot(file))))
         case {"do": "undo", "to": str(to)}:
             undo(file, to)
             return "the file is as it was before"

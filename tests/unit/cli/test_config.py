@@ -257,11 +257,11 @@ def test_what_is_replaced_is_kept(here: Path, robot: Path, ledpi: Ledpi) -> None
     assert (here / "robot.ledpi").stat().st_mode & 0o077 == 0
 
 
-def _changed(path: Path, name: str, content: str) -> None:
-    """The archive, with another file of this name."""
+def _changed(path: Path, name: str, content: str, method: int = zipfile.ZIP_STORED) -> None:
+    """The archive, with another file of this name; packed by this method."""
     with zipfile.ZipFile(path) as archive:
         files = {each: archive.read(each) for each in archive.namelist()}
-    with zipfile.ZipFile(path, "w") as archive:
+    with zipfile.ZipFile(path, "w", method) as archive:
         for each, old in (files | {name: content.encode()}).items():
             archive.writestr(each, old)
 
@@ -283,6 +283,8 @@ def test_what_is_no_whole_backup_is_refused(here: Path, robot: Path, ledpi: Ledp
         assert "is no whole backup" in complaint(ledpi("restore", name, "--config", here / "new.yaml"))
     _changed(here / "robot.ledpi", "2-markers.yaml", "panels: [")
     assert "not valid YAML" in complaint(ledpi("restore", "robot.ledpi", "--config", here / "new.yaml"))
+    _changed(here / "robot.ledpi", "2-markers.yaml", MAP, zipfile.ZIP_BZIP2)  # of 2 kB it may unpack gigabytes at once
+    assert "is no whole backup" in complaint(ledpi("restore", "robot.ledpi", "--config", here / "new.yaml"))
     rule = {"kind": "udev rule", "path": "../../passwd", "name": "0-config.yaml"}
     head = json.dumps({"ledpi_backup": 1, "ledpi": "", "made": "", "files": [rule]})
     _changed(here / "robot.ledpi", backup.CONTENTS, head)
