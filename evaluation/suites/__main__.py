@@ -13,11 +13,10 @@ from pathlib import Path
 import typer
 
 from evaluation.suites.conditions import Method, Suite
-from evaluation.suites.keep import keep_wild
+from evaluation.suites.keep import keep_wild, write_take
 from evaluation.suites.page import result, section
 from evaluation.suites.plan import Plan
 from evaluation.suites.prints import has_apriltag
-from evaluation.suites.replay import write_take
 from evaluation.suites.units import code_version
 from evaluation.suites.wild_rows import TAKES
 from evaluation.suites.workers import run_on_cluster, run_on_processes

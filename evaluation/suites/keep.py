@@ -1,4 +1,4 @@
-"""The takes of the suite `wild` as recordings with truth, for any decoder to be tried on."""
+"""Takes as recordings with truth: one to look at with the other commands, or all of `wild` to try a decoder on."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from evaluation.suites.conditions import Condition
+from evaluation.suites.draw import draw_take
 from evaluation.suites.units import photographed
 from evaluation.suites.wild import draw_camera, draw_wild
 from evaluation.suites.wild_rows import TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
@@ -14,9 +16,28 @@ from ledpi.config.panels import PanelSettings
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
+from ledpi.tools.evaluate.reading import FRAMES_A_TAKE
 
 BETWEEN_TAKES_NS = 2_000_000_000  # tracks do not survive half a second
 DRAWN_FILE = "drawn.jsonl"  # what was drawn for each take, to look up what a decoder loses
+
+
+def write_take(
+    out: Path, condition: Condition, panels: PanelSettings, seed: int, number: int, frame_duration_us: float | None
+) -> None:
+    """All frames of the take, with truth. Raises RecordingError where `out` cannot be written."""
+    take = draw_take(condition, panels, seed, number, frame_duration_us)
+    info = sensor_info(take.scene.sensor, take.reported_row_time)
+    writer = RecordingWriter(
+        out,
+        camera=info,
+        dictionary=panels.dictionary,
+        panel=panels.spec(),
+        note=f"evaluation.suites, seed {seed}, take {number} of {condition.name}",
+    )
+    with writer:
+        for frame in photographed(take, take.scene, FRAMES_A_TAKE):
+            writer.write(frame, scene_truth(take.scene, frame.seq))
 
 
 def keep_wild(

@@ -45,7 +45,7 @@ MOST_FILES = 64
 MAX_BYTES = 8 * MAX_TEXT_BYTES  # of all of them: unpacked, and packed
 # Unpacked piece by piece. Of bzip2 and LZMA zipfile unpacks 4 kB at once, which may be gigabytes.
 _BOUNDED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_UNIT = re.compile(r"ledpi(-view|-bridge)?(@[A-Za-z0-9_-]{1,80})?")
+_UNIT = re.compile(r"ledpi(-view|-bridge)?(@[A-Za-z0-9_-]{1,80})?|ledpi-edit(@[A-Za-z0-9_-]{1,80})?\.socket")
 
 # What zipfile and json raise for an archive that is none: one that is locked, or packed in a way of its own, too.
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, ValueError, KeyError, TypeError, AttributeError, EOFError,
@@ -119,7 +119,7 @@ def left_out(file: Path, files: Sequence[Kept]) -> Iterator[str]:
 
 def enabled_units() -> list[str]:
     """Those of ledpi that start with this machine, by systemd's links."""
-    names = {link.name.removesuffix(".service") for link in UNITS.glob("*.wants/ledpi*.service")}
+    names = {link.name.removesuffix(".service") for link in UNITS.glob("*.wants/ledpi*")}
     return sorted(name for name in names if _UNIT.fullmatch(name))
 
 

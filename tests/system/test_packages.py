@@ -19,6 +19,7 @@ import pytest
 from evaluation.speed import counting
 from ledpi import __version__
 from tests.builders import ROOT
+from tests.builders.environments import environment, installer, run
 from tests.builders.marked import PROGRAM, check_counted
 
 NEWEST_GLIBC = 35  # Ubuntu 22.04's, of ROS 2 Humble
@@ -28,15 +29,6 @@ PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 
 
 slow = pytest.mark.slow  # builds packages and installs them
-
-
-def run(*command: str | Path, path: str | None = None) -> str:
-    """Returns what it prints; what it says where it fails."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    environment |= {} if path is None else {"PATH": path}
-    done = subprocess.run([*map(str, command)], cwd="/", env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return done.stdout
 
 
 @pytest.fixture(scope="session")
@@ -85,20 +77,6 @@ def interpreter(version: str) -> Path | None:
         if candidate.is_file() and subprocess.run([candidate, "-c", ""], capture_output=True).returncode == 0:
             return candidate
     return None
-
-
-def environment(folder: Path, python: str | Path) -> Path:
-    """A fresh one's programs."""
-    run(python, "-m", "venv", folder)
-    return folder / "bin"
-
-
-def installer(programs: Path, version: str) -> tuple[str | Path, ...]:
-    """Pip, once; uv, which takes a fifth of its time, where it is there."""
-    uv = shutil.which("uv", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
-    if version == PYTHONS[0] or uv is None:
-        return programs / "pip", "install", "--quiet"
-    return uv, "pip", "install", "--quiet", "--python", programs / "python"
 
 
 # ---- What the packages say of themselves
@@ -154,8 +132,10 @@ def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_pat
         pytest.skip(f"python{version} is not here")
     programs = environment(tmp_path / "venv", python)
     alone = str(programs)
+    # By pip, once.
+    install = (programs / "pip", "install", "--quiet") if version == PYTHONS[0] else installer(programs)
     assert shutil.which("gcc", path=alone) is None
-    run(*installer(programs, version), "--only-binary=:all:", wheel(dist, "x86_64"), path=alone)
+    run(*install, "--only-binary=:all:", wheel(dist, "x86_64"), path=alone)
     check_decoded(run(programs / "ledpi", "decode", "--single-frame", take, path=alone))
     config = ("--config", tmp_path / "config.yaml", "--set", "camera.source=simulated")
     run(programs / "ledpi", "config", "init", tmp_path / "config.yaml", path=alone)
@@ -168,8 +148,8 @@ def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_pat
 @slow
 def test_the_source_package_installs(dist: Path, take: Path, tmp_path: Path) -> None:
     """Needs a compiler."""
-    programs = environment(tmp_path / "venv", sys.executable)
-    run(*installer(programs, "3.11"), "--no-binary=ledpi", dist / f"ledpi-{__version__}.tar.gz")
+    programs = environment(tmp_path / "venv")
+    run(*installer(programs), "--no-binary=ledpi", dist / f"ledpi-{__version__}.tar.gz")
     check_decoded(run(programs / "ledpi", "decode", "--single-frame", take))
 
 
@@ -204,7 +184,7 @@ def test_instructions_are_counted_on_arm(dist: Path) -> None:
 @slow
 def test_the_demo_does_not_download_much(dist: Path, tmp_path: Path) -> None:
     """All that ledpi itself needs, as scripts/demo installs it."""
-    programs = environment(tmp_path / "venv", sys.executable)
+    programs = environment(tmp_path / "venv")
     assert 'make_venv .venv ""' in (ROOT / "scripts/demo").read_text(encoding="utf-8")
     run(programs / "pip", "download", "--quiet", "--dest", tmp_path / "all", wheel(dist, "x86_64"), "setuptools")
     size = sum(path.stat().st_size for path in (tmp_path / "all").iterdir())

@@ -6,14 +6,15 @@ import json
 import socket
 import struct
 import subprocess
-import sys
 import threading
+from pathlib import Path
 
 import pytest
 
 from ledpi.bridge.photon import MESSAGE, mount_of, packet
 from ledpi.bridge.target import Target, TargetLostError
 from ledpi.config.outputs import OutputSettings
+from tests.builders.environments import environment, installer, run
 from tests.builders.made_up_daemon import HELLO, PANEL, decoded
 from tests.builders.waiting import wait_until
 
@@ -96,15 +97,16 @@ def test_several_panels_of_a_map_are_a_multi_tag_result() -> None:
 
 
 @pytest.mark.slow
-def test_photonlib_takes_it_and_warns_of_nothing() -> None:
+def test_photonlib_takes_it_and_warns_of_nothing(tmp_path: Path) -> None:
     """The robot program's own library, which looks for the version and the camera; nor does ntcore."""
-    pytest.importorskip("photonlibpy")
+    programs = environment(tmp_path / "robot")
+    run(*installer(programs), "photonlibpy==2026.3.4")
     from ledpi.bridge.nt import NtTarget
 
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-c", PROGRAM, str(port)]
+    command = [programs / "python", "-c", PROGRAM, str(port)]
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     with subprocess.Popen(command, text=True, **pipes) as program:
         assert program.stdout is not None

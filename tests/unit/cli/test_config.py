@@ -340,6 +340,8 @@ def test_a_backup_of_the_service_has_all_its_cameras_and_units(
     (here / "system/multi-user.target.wants").mkdir(parents=True)
     for name in ("ledpi@front", "ledpi-bridge@b", "ssh"):
         (here / "system/multi-user.target.wants" / f"{name}.service").symlink_to("/nowhere")
+    (here / "system/sockets.target.wants").mkdir()
+    (here / "system/sockets.target.wants/ledpi-edit.socket").symlink_to("/nowhere")
     (here / "system/ledpi-bridge@b.service.d").mkdir()
     (here / "system/ledpi-bridge@b.service.d/override.conf").touch()
     (robot / "front.yaml").write_text("panels: {side_m: 0.2}\ncamera: {intrinsics: front_lens.yaml}\n")
@@ -347,7 +349,7 @@ def test_a_backup_of_the_service_has_all_its_cameras_and_units(
     (robot / "config.example.yaml").write_text("panels: {side_m: 0.2}\n")
     (robot / "rear.yaml").write_text("panels: {side_m: 200}\n")
     said = ledpi("backup", "all", "--config", robot / "config.yaml").out
-    assert "enabled units: ledpi-bridge@b, ledpi@front" in said
+    assert "enabled units: ledpi-bridge@b, ledpi-edit.socket, ledpi@front" in said
     assert "override.conf: what you have changed of a unit is not in the backup" in said
     assert "rear.yaml: is not in the backup" in said
     for name in ("front.yaml", "front_lens.yaml"):
@@ -355,5 +357,5 @@ def test_a_backup_of_the_service_has_all_its_cameras_and_units(
     done = ledpi("restore", "all", "--config", robot / "config.yaml")
     for name in ("front.yaml", "front_lens.yaml"):
         assert (robot / name).read_bytes() == (here / name).read_bytes()
-    assert "sudo systemctl enable ledpi-bridge@b ledpi@front; sudo systemctl restart ledpi-bridge@b" in done.out
+    assert "sudo systemctl enable ledpi-bridge@b ledpi-edit.socket ledpi@front; sudo systemctl restart" in done.out
     assert "certificates" not in done.out  # it was the same

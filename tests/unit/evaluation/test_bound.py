@@ -8,7 +8,7 @@ import pytest
 
 from evaluation.accuracy import bound as bench
 from evaluation.suites.conditions import Condition
-from evaluation.suites.replay import write_take
+from evaluation.suites.keep import write_take
 from ledpi.config.panels import PanelSettings
 from ledpi.tools.evaluate.table import PLAIN
 

@@ -148,13 +148,13 @@ def test_a_picture_is_that_of_its_line(tap: Tap) -> None:
 def test_saturation_is_counted(tap: Tap) -> None:
     """The share of pixels that are as bright as pixels can be."""
     client = follow(tap)
-    client.send({"do": "picture", "id": 1})
-    wait_until(lambda: tap._wanted is not None)
+    client.send({"do": "picture", "id": 1, "with": ["rejected"]})
+    wait_until(lambda: tap.trace() is not None)
     one = frame(0)
     pixels = one.pixels.copy()
     pixels[: HEIGHT // 4] = 255
     bright = dataclasses.replace(one, pixels=pixels)
-    tap.show(bright, decoded(bright), tap.trace())
+    tap.show(bright, decoded(bright), Trace(searched=True))
     assert client.next("picture")["pixels_max_share"] == 0.25
 
 
