@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.config.renamed import EVALUATED, current_name
 from ledpi.config.settings import load_config
 
 OLD = [("soft", "likelihood"), ("bands", "uemura")]
@@ -37,9 +36,3 @@ def test_todays_names_are_not_noted(name: str, capsys: pytest.CaptureFixture[str
     """Nothing is printed."""
     assert load_config(None, ("panels.side_m=0.16", f"decode.method={name}")).decode.method == name
     assert capsys.readouterr().err == ""
-
-
-def test_evaluates_methods_have_old_names_too(capsys: pytest.CaptureFixture[str]) -> None:
-    """Its reader with the true corners was called `told`."""
-    assert current_name("told", EVALUATED, "--method") == "oracle"
-    assert capsys.readouterr().err == "ledpi: --method: told is now called oracle\n"
