@@ -144,6 +144,7 @@ def sound_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return take
 
 
+@pytest.mark.slow
 @EIGHTY
 @given(st.data())
 def test_any_value_in_a_recording_is_taken_or_refused_in_one_line(sound_take: Path, data: st.DataObject) -> None:

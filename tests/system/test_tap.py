@@ -246,6 +246,7 @@ def test_without_a_tap_there_is_none(tmp_path: Path) -> None:
 # ---- Who reads it
 
 
+@pytest.mark.slow
 def test_monitor_shows_a_line_for_each_panel(running: Path) -> None:
     """ID, distance, yaw, age, rate, margin; and how the daemon is."""
     done = ledpi("monitor", "--tap", str(running), "--seconds", "3")

@@ -305,6 +305,7 @@ def test_the_longest_line_that_is_allowed_is_read(tap: Tap) -> None:
     assert "without an end" in client.next("error")["error"]
 
 
+@pytest.mark.slow
 def test_a_flood_of_requests_waits_in_its_own_buffer(tap: Tap) -> None:
     """Each is answered at last, no sooner than one a turn, and at no time are more than a few kept here."""
     client, began_s = follow(tap), time.monotonic()

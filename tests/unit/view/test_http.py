@@ -181,6 +181,7 @@ def test_commands_are_handed_on(site: Site, daemon: MadeUpDaemon) -> None:
     assert [len(daemon.asked(do)) for do in ("save", "record")] == [1, 1]
 
 
+@pytest.mark.slow
 def test_every_page_knows_that_a_recording_runs(site: Site, daemon: MadeUpDaemon) -> None:
     """Whoever has begun it: until it is stopped, ends by itself, or the daemon is gone; a refused one does not run."""
     site.state_once("up")

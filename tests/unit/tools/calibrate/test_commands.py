@@ -169,6 +169,7 @@ def test_a_row_time_that_the_driver_misreports_is_written(command: Command, simu
     assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(31.75, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_driver_that_is_right_changes_nothing(command: Command, simulated: Simulated) -> None:
     """The row time stays the driver's."""
     take = simulated(claimed={})

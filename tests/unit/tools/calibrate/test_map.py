@@ -140,6 +140,7 @@ def test_a_view_that_something_stood_before_does_not_bend_the_map() -> None:
         assert off_by(result.panels[i].map_from_marker, place)[0] < 0.02 + 0.005 * distance_m
 
 
+@pytest.mark.slow
 def test_a_panel_that_is_never_seen_with_another_is_left_out() -> None:
     """And named: the corridor's last."""
     places, views = drive(1)
