@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import sys
 from collections.abc import Callable
@@ -151,7 +152,7 @@ def test_any_exception_of_a_version_that_fits_is_one_line_and_tried_again(error:
     ("call", "error"),
     [
         ("create_video_configuration", KeyError("sensor")),
-        ("configure", AttributeError("fd")),
+        ("configure", OSError(errno.ENOMEM, "Cannot allocate memory")),  # at boot, say: for the camera's buffers
         ("set_controls", IndexError("no such mode")),
         ("start", RuntimeError("busy")),
     ],
@@ -159,13 +160,18 @@ def test_any_exception_of_a_version_that_fits_is_one_line_and_tried_again(error:
 def test_whatever_call_fails_while_it_is_opened_is_one_line(
     call: str, error: Exception, use: Use, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And what was opened by then is closed: another start finds it free."""
+    """And what was opened by then is closed, though that fails as well: another start finds it free."""
     sensor = use(NEWEST)
 
     def fails(*_: object, **__: object) -> None:
         raise error
 
+    def close() -> None:
+        sensor.closed = True
+        raise RuntimeError("not even configured")
+
     monkeypatch.setattr(sensor, call, fails)
+    monkeypatch.setattr(sensor, "close", close)
     with pytest.raises(CameraLostError) as lost:
         opened()
     assert str(lost.value).startswith(f"picamera2 {NEWEST}, libcamera v0.5.2: ")
