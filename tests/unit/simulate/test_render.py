@@ -11,7 +11,7 @@ from ledpi.core.geometry import transform
 from ledpi.core.records import Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Light, PanelAppearance, Ripple, Room, Scene, SquareWave
-from ledpi.simulate.trajectory import Gliding, Still, facing_camera
+from ledpi.simulate.trajectory import Gliding, Still, Trajectory, facing_camera
 from tests.builders.simulate import (
     DARK,
     LENS,
@@ -319,3 +319,32 @@ def test_antiphase_classes_are_half_a_cycle_apart() -> None:
     still = (black + white) / 2
     assert np.ptp(black / still) > 0.06
     np.testing.assert_allclose(black / still - 1, 1 - white / still, atol=1e-5)
+
+
+def test_each_row_of_the_wall_is_seen_from_where_the_camera_is_then() -> None:
+    """At the row's mid-exposure, by a camera that drives, turns and speeds past it: as by one that stands there.
+
+    And 0.1 m to the right, before a wall 2 m away, it sees the wall 32 px further left; half a metre nearer, what was
+    three columns from the middle is four columns from it.
+    """
+    camera, room = sensor(PINHOLE), Room(distance_m=2.0)
+    motion = Gliding(
+        start=transform(np.eye(3), np.array([0.1, -0.05, 0.2])),
+        velocity_m_s=np.array([2.0, 0.5, 1.0]),
+        angular_velocity_rad_s=np.array([0.5, 3.0, 1.0]),
+        start_s=1.0,
+    )
+
+    def seen(by: Trajectory, seq: int) -> np.ndarray:
+        return np.array(Renderer(Scene(sensor=camera, room=room, camera_motion=by), seed=0).light(seq), np.float64)
+
+    moving = seen(motion, 3)
+    for row in (0, 120, 240, 300, 479):
+        mid_exposure_s = exposure_start_s(3, row) + EXPOSURE_S / 2
+        there = seen(Still(motion.scene_from_body(mid_exposure_s)), 0)[row]
+        assert np.abs(there - moving[row]).max() < 0.02 * np.ptp(there)
+    ahead, aside, nearer = (
+        seen(Still(transform(np.eye(3), np.array([x_m, 0.0, z_m]))), 0) for x_m, z_m in ((0, 0), (0.1, 0), (0, 0.5))
+    )
+    np.testing.assert_allclose(aside[:, :-32], ahead[:, 32:], atol=0.02 * np.ptp(ahead))
+    np.testing.assert_allclose(nearer[240, 320:600:4], ahead[240, 320:530:3], atol=0.05 * np.ptp(ahead))
