@@ -19,11 +19,9 @@ from tests.builders.simulate import (
     WORD_7,
     dark_scene,
     light_by_counting,
-    moments_on,
     panel,
     sensor,
     share_on,
-    single_class_panel,
     standing,
 )
 
@@ -104,38 +102,6 @@ def gliding_sideways(velocity_m_s: float, z_m: float = 1.0) -> Gliding:
     return Gliding(start=start, velocity_m_s=np.array([velocity_m_s, 0, 0]), start_s=1.0)
 
 
-def row_centres_and_variances(light: np.ndarray, rows: range) -> tuple[np.ndarray, np.ndarray]:
-    columns = np.arange(light.shape[1])
-    light = light.astype(np.float64)
-    share = light[rows.start : rows.stop] / light[rows.start : rows.stop].sum(axis=1, keepdims=True)
-    centres = share @ columns
-    return centres, share @ columns**2 - centres**2
-
-
-def test_a_passing_panel_leans() -> None:
-    """At 1 m and 0.5 m/s a panel crosses 320 px/s, so each row sees it 320 × 33.67 µs further on."""
-    renderer = Renderer(dark_scene(single_class_panel(gliding_sideways(0.5)), camera=sensor(PINHOLE)), seed=2)
-    centres, _ = row_centres_and_variances(renderer.light(0), range(200, 281))
-    # Mid-exposure of row 240 is 240 × 33.67 µs − 9967 µs / 2 after the panel was in the middle.
-    at_centre_row = 320.0 + 320.0 * (240 * 33.67e-6 - EXPOSURE_S / 2)
-    assert centres[40] == pytest.approx(at_centre_row, abs=0.03)
-    assert np.polyfit(np.arange(81), centres, 1)[0] == pytest.approx(320.0 * 33.67e-6, rel=0.02)
-
-
-def test_a_passing_panel_is_smeared() -> None:
-    """Motion within the exposure adds to a row's variance that of the places where the panel was lit: about d²/12."""
-    renderers = [
-        Renderer(dark_scene(single_class_panel(gliding_sideways(speed, 4.0)), camera=sensor(PINHOLE)), seed=2)
-        for speed in (0.0, 4.0)
-    ]
-    still, moving = (row_centres_and_variances(r.light(0), range(230, 251))[1] for r in renderers)
-    white_phase = renderers[1].phases_cycles[0][1]
-    for row in (230, 240, 250):
-        lit_px = 640.0 * moments_on(exposure_start_s(0, row), EXPOSURE_S, 2450.0, white_phase)
-        assert lit_px.var() == pytest.approx((640.0 * EXPOSURE_S) ** 2 / 12, rel=0.1)
-        assert moving[row - 230] - still[row - 230] == pytest.approx(lit_px.var(), rel=0.03)
-
-
 def test_a_moving_camera_and_a_moving_panel_are_the_same_thing() -> None:
     """Only the relative motion counts: the camera going left shows what the panel going right shows."""
     camera = sensor(LENS)
@@ -154,14 +120,6 @@ def test_a_frame_depends_on_the_seed_and_its_number_only() -> None:
         np.testing.assert_array_equal(picture(backward, seq), first[seq])
     assert np.any(first[0] != picture(Renderer(scene, seed=10), 0))
     assert np.mean(first[0] != first[1]) > 0.3  # fresh noise in every frame, over the whole picture
-
-
-def test_phases_move_from_frame_to_frame_with_the_frame_period() -> None:
-    """504 rows of 33.67 µs are 21.212 periods of 1250 Hz: after 33 frames the bands are back (700.0 periods)."""
-    renderer = Renderer(dark_scene(panel(standing(z_m=0.4)), camera=sensor(PINHOLE)), seed=5)
-    bands = [renderer.light(seq)[190:225, 224].copy() for seq in (0, 1, 33)]
-    assert np.abs(bands[1] - bands[0]).max() > 0.01
-    np.testing.assert_allclose(bands[2], bands[0], atol=1e-3)
 
 
 def test_cells_have_walls_hot_spots_and_gains() -> None:
