@@ -13,6 +13,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.runtime.kept_takes import KeptTakes
 from ledpi.runtime.rewind import ASKED, Rewind
+from ledpi.runtime.takes import Shown
 from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.tap.messages import Setup
 from ledpi.tap.protocol import COMMANDS, Request
@@ -27,14 +28,12 @@ class Observers:
     ) -> None:
         """`camera`: with the lens that poses are solved with. `period_ms`: between two frames."""
         self._tap, self._setup = tap, setup
-        source = config.camera.source
-        self._rewind = Rewind(config.rewind, pipeline, camera, period_ms, source) if config.rewind.seconds else None
-        self._recorder = None if tap is None else TapRecorder(pipeline, camera, source)
+        shown = Shown(camera, pipeline.panels.dictionary, pipeline.panels.spec(), config.camera.source)
+        self._rewind = Rewind(config.rewind, shown, period_ms) if config.rewind.seconds else None
+        self._recorder = None if tap is None else TapRecorder(shown)
 
     def start(self) -> None:
         """Before the first frame."""
-        if self._rewind is not None:
-            self._rewind.start()
         if self._tap is None or self._recorder is None:
             return
         if self._rewind is not None:

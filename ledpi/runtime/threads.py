@@ -60,7 +60,7 @@ def end_threads(status: int, said: str = "") -> None:
     A frame may be in work that takes longer than anybody waits for it, or a driver may hang. Python would kill such a
     thread as it comes back from C++ (OpenCV's or libcamera's), and C++ abort the process for that.
     """
-    if any(thread.daemon for thread in threading.enumerate()):
+    if threading.active_count() > 1:
         with suppress(OSError):
             print(said, end="", file=sys.stderr, flush=True)
         logging.shutdown()

@@ -16,7 +16,7 @@ import pytest
 from ledpi.core.errors import DiskFullError, RecordingError, TapError
 from ledpi.recording.reader import load_recording
 from ledpi.runtime import takes as takes_module
-from ledpi.runtime.take_writer import LIVE_FILE
+from ledpi.runtime.takes import LIVE_FILE, RECORDED, takes_folder
 from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.tap.client import connect
 from ledpi.tap.protocol import Request
@@ -231,14 +231,14 @@ def test_the_page_starts_and_stops_it(takes: Path, tmp_path: Path) -> None:
 def begun(recorder: TapRecorder, pool: ThreadPoolExecutor) -> Future[dict[str, Any]]:
     """It records in a thread of its own, as the tap has it."""
     running = pool.submit(recorder.record, Request(do="record", seconds=600.0))
-    wait_until(lambda: recorder._running is not None)
+    wait_until(lambda: any(RECORDED in each.name for each in takes_folder().glob("*")))
     return running
 
 
 def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is written, and while it is: a disk that ledpi has filled stops more than ledpi."""
     drive = stream(8)
-    recorder = TapRecorder(drive.pipeline(), drive.camera, "simulated")
+    recorder = TapRecorder(drive.shown)
     with ThreadPoolExecutor() as pool:
         running = begun(recorder, pool)
         for index, (frame, decoded) in enumerate(zip(drive.frames, drive.live, strict=True)):
@@ -257,7 +257,7 @@ def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.Monkey
 def test_without_a_frame_nothing_is_written(takes: Path) -> None:
     """Who asked hears so, as does who stopped it. After the daemon's end none begins."""
     drive = stream(1)
-    recorder = TapRecorder(drive.pipeline(), drive.camera, "simulated")
+    recorder = TapRecorder(drive.shown)
     with ThreadPoolExecutor() as pool:
         running = begun(recorder, pool)
         with pytest.raises(RecordingError, match="no frame was decoded meanwhile"):
