@@ -16,7 +16,7 @@ import typer
 from ledpi.cli import app
 from ledpi.core.errors import WireError
 from ledpi.core.wording import counted
-from ledpi.diagnosis.no_fix import why_no_fix
+from ledpi.diagnosis.reasons import why_no_fix
 
 if TYPE_CHECKING:
     import serial

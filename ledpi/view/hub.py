@@ -11,7 +11,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ledpi.core.errors import TapError
-from ledpi.diagnosis.no_fix import why_no_fix
+from ledpi.diagnosis.reasons import why_no_fix
 from ledpi.tap.client import Client, connect
 from ledpi.tools.doctor.running import checks
 from ledpi.view.lines import check_line
