@@ -28,6 +28,7 @@ from ledpi.recording.still import still_camera
 # What programs have: cv2.imread gives None where it cannot read a file, and its stubs know no dtype.
 Image: TypeAlias = "NDArray[Any] | None"
 _GREY = "must be grey, (height, width) uint8"
+_OUR_KEYS = re.compile(r"^configuration: (panels|camera|robot)\.")
 
 
 def checked_picture(image: object) -> Pixels:
@@ -140,9 +141,6 @@ class Exposure:
     def overrides(self) -> tuple[str, ...]:
         """As --set takes them."""
         return (override("camera.row_time_us", self.row_time_us), override("camera.exposure_us", self.exposure_us))
-
-
-_OUR_KEYS = re.compile(r"^configuration: (panels|camera|robot)\.")
 
 
 class Decoder:

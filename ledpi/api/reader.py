@@ -31,8 +31,10 @@ from ledpi.config.robot import load_robot
 from ledpi.core.errors import ConfigError, PictureError
 from ledpi.core.records import Intrinsics, Phase, Pixels, RowsFrom, Transfer
 from ledpi.core.wording import shortened
-from ledpi.diagnosis.drawn_markers import DIMMED, Placed, draw_markers
+from ledpi.diagnosis.drawing import DIMMED, Placed, draw_markers
 from ledpi.markers.dictionaries import load_dictionary
+
+EXPOSURE_US = 10_000.0  # where a program does not say: the configuration's default
 
 
 def drawn(panels: Panels, picture: Pixels, markers: Sequence[Marker]) -> Pixels:
@@ -123,9 +125,6 @@ class Stream(_Reading):
         self._read = self._decoder.read(picture, self._seq, time_ns)
         self._seq, self._last_ns = self._seq + 1, time_ns
         return list(self._read.markers)
-
-
-EXPOSURE_US = 10_000.0  # where a program does not say: the configuration's default
 
 
 class Reader(_Reading):

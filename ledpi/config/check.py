@@ -11,10 +11,9 @@ from pydantic import ValidationError
 
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.mistakes import explain_all
-from ledpi.config.output_files import read_password, tls_context
-from ledpi.config.overrides import apply_override
+from ledpi.config.named_files import read_password, tls_context
+from ledpi.config.overrides import apply_override, rename_method
 from ledpi.config.panels import check_bands_visible, check_panels
-from ledpi.config.renamed import rename_method
 from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config, check_method, resolve_paths, sections
 from ledpi.core.errors import ConfigError, LedpiError

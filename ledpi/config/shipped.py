@@ -12,6 +12,7 @@ from ledpi.core.errors import ConfigError, InstallationError
 
 FOLDER = Path(__file__).parents[1] / "shipped-files"
 _FOLDERS = ("examples", "systemd")
+_LINK = r"\[([^]]*)\]\([^)]*\)"
 
 
 def example() -> str:
@@ -39,9 +40,6 @@ def copy_files(to: Path) -> None:
             shutil.copytree(FOLDER / name, to / name, ignore=shutil.ignore_patterns("__pycache__"))
     except OSError as error:
         raise ConfigError(f"--files {to}: {error.strerror}; must be a new folder") from None
-
-
-_LINK = r"\[([^]]*)\]\([^)]*\)"
 
 
 class Documented(NamedTuple):

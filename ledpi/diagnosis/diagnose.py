@@ -19,8 +19,7 @@ from ledpi.camera.exposure_notes import vanishing
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Floats, Frame
 from ledpi.diagnosis.look import FULL, Look, band_step, blur_of, look_at, side_px
-from ledpi.diagnosis.mistakes import SURE_NATS, Mistake, mistake_of
-from ledpi.diagnosis.reasons import explained
+from ledpi.diagnosis.reasons import SURE_NATS, Mistake, explained, mistake_of
 from ledpi.diagnosis.what_if import Supposed, same_place
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.each_cell import classes_unread

@@ -27,6 +27,9 @@ _THROTTLED = "devices/platform/soc*/soc*:firmware/get_throttled"
 _LOW_VOLTAGE = "devices/platform/soc*/soc*:firmware/raspberrypi-hwmon*/hwmon/hwmon*/in0_lcrit_alarm"
 UNDER_VOLTAGE = 1
 Times: TypeAlias = dict[str, tuple[float, float]]  # median and 99th percentile: find to pose, and of each stage
+RECENT = 512  # frames that the times are taken from: some 8 s of a 60 fps camera
+RECENT_S = 5  # of packets: long enough for several of each kind, and short enough to be now
+STARTING_S = 2.0  # so long the first frame may take
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,11 +57,6 @@ def _number(path: Path, base: int) -> int | None:
         return int(path.read_text(encoding="ascii"), base)
     except (OSError, ValueError):
         return None
-
-
-RECENT = 512  # frames that the times are taken from: some 8 s of a 60 fps camera
-RECENT_S = 5  # of packets: long enough for several of each kind, and short enough to be now
-STARTING_S = 2.0  # so long the first frame may take
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,11 @@ LOST_TICKS = 3
 # While frames come late, it is the computer that is slow, and the next may come as late as the last did.
 LOST_BEHIND_TICKS = 30
 BEHIND_NS = 200_000_000
+SHARE = 0.9  # of a frame period: the rest is for capture and publisher
+# Budgets, in places at which the model is compared with the picture: what a candidate that is a panel takes, so that
+# each has its turn at last; and what a picture full of texture can use.
+MIN_BUDGET, MAX_BUDGET = 25_000, 1_000_000
+PACE_MEMORY = 0.05  # weight of a new frame: speeds change as processors are throttled, within seconds
 
 
 class Liveness:
@@ -72,13 +77,6 @@ class Liveness:
 
     def _is_behind(self) -> bool:
         return self._in_work_ns is not None and time.monotonic_ns() - self._in_work_ns > BEHIND_NS
-
-
-SHARE = 0.9  # of a frame period: the rest is for capture and publisher
-# Budgets, in places at which the model is compared with the picture: what a candidate that is a panel takes, so that
-# each has its turn at last; and what a picture full of texture can use.
-MIN_BUDGET, MAX_BUDGET = 25_000, 1_000_000
-PACE_MEMORY = 0.05  # weight of a new frame: speeds change as processors are throttled, within seconds
 
 
 @dataclass(slots=True)

@@ -20,6 +20,8 @@ from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.publisher import Publisher
 from ledpi.wire.resets import Resets
 
+SLOW_S = 3.0  # a map of a thousand panels takes one on a Raspberry Pi
+
 
 class Left(NamedTuple):
     """Things that a daemon leaves to the next one: running, and not to be opened again."""
@@ -58,9 +60,6 @@ def publisher_of(
         return Publisher(config.serial, mavlink, map_resets=resets.maps)
     left.begin_anew(config.serial, mavlink, map_resets=resets.maps)
     return left
-
-
-SLOW_S = 3.0  # a map of a thousand panels takes one on a Raspberry Pi
 
 
 class Reading:

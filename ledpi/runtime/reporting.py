@@ -13,6 +13,10 @@ import time
 from typing import TextIO
 
 _TIMEOUT_S = 1.0  # systemd reads at once; the daemon does not hang on it if it should not
+# Of the watchdog, in the time that it allows: each 1.7 s of a WatchdogSec=10, and at least each 2 s where a tick and a
+# frame have to be waited for.
+FEEDS = 6
+_PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DEBUG: 7}  # syslog's
 
 
 def notify(message: str) -> bool:
@@ -33,11 +37,6 @@ def notify(message: str) -> bool:
     except OSError:
         return False
     return True
-
-
-# Of the watchdog, in the time that it allows: each 1.7 s of a WatchdogSec=10, and at least each 2 s where a tick and a
-# frame have to be waited for.
-FEEDS = 6
 
 
 def watchdog_period_s() -> float | None:
@@ -62,9 +61,6 @@ class Watchdog:
         if self._period_s is not None and now_s - self._fed_s >= self._period_s and steps > self._fed_steps:
             notify("WATCHDOG=1")
             self._fed_s, self._fed_steps = now_s, steps
-
-
-_PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DEBUG: 7}  # syslog's
 
 
 def is_service() -> bool:

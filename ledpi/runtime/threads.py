@@ -17,18 +17,18 @@ from ledpi.core.errors import TransientError
 # poses that are ready wait, twice (woken, and before the packet is written), while the picture is searched; and so long
 # would frames that are there, for each of the threads that decode, encode and write. Below 20 µs nothing more is won.
 SWITCH_INTERVAL_S = 0.00002
-
-
-def switch_promptly() -> None:
-    """For the whole process, as only that can be set."""
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
-
-
 # glibc's mallopt(3). What a frame needs is given back, and asked for again by the next; so it is neither mapped anew
 # (from 128 KiB on, until glibc has learnt otherwise) nor returned to the system, which it was now and then, 2 MiB at a
 # time: a long run's memory went up and down by as much.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _KEPT_BYTES, _MAPPED_BYTES = 1 << 26, 1 << 24
+NO_THREAD = "the system gives this process no further thread; end others, or raise TasksMax= of the unit or ulimit -u"
+JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
+
+
+def switch_promptly() -> None:
+    """For the whole process, as only that can be set."""
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
 
 
 def keep_memory() -> None:
@@ -49,9 +49,6 @@ def keep_for_good() -> None:
     gc.freeze()
 
 
-NO_THREAD = "the system gives this process no further thread; end others, or raise TasksMax= of the unit or ulimit -u"
-
-
 def is_no_thread(error: BaseException) -> bool:
     """Tells whether Python could not start a thread, for which it has no exception of its own."""
     return isinstance(error, RuntimeError) and "start new thread" in str(error)
@@ -69,8 +66,6 @@ def end_threads(status: int, said: str = "") -> None:
         logging.shutdown()
         os._exit(status)
 
-
-JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
 
 Loop = Callable[[], None]
 

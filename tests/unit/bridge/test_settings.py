@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from ledpi.bridge.factory import TARGETS
+from ledpi.config.named_files import read_password
 from ledpi.config.origins import values_of
-from ledpi.config.output_files import read_password
 from ledpi.config.outputs import KEYS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.diagnosis.mistakes import mistake_of
-from ledpi.diagnosis.reasons import explained
+from ledpi.diagnosis.reasons import explained, mistake_of
 from ledpi.markers.dictionaries import load_dictionary
 
 DICTIONARY = load_dictionary("DICT_4X4_50")

@@ -477,7 +477,7 @@ print(json.loads(f.readline()))
 @pytest.mark.parametrize("is_member", [False, True])
 def test_only_who_may_gives_commands(is_member: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another user who can connect may look; a member of the group, if only by a supplementary one, may command."""
-    monkeypatch.setattr("ledpi.tap.listening._gid", lambda name: 54321)
+    monkeypatch.setattr("ledpi.tap.crowd._gid", lambda name: 54321)
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
         path = Path(folder) / "tap.sock"
