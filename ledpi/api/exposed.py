@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from ledpi.api.marker import Fix, Marker, fix_of, marker_of
 from ledpi.config.panels import check_bands_visible
-from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import ConfigError, PictureError
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, Pixels
 from ledpi.core.wording import shortened
 from ledpi.diagnosis.diagnose import not_read_in
 from ledpi.diagnosis.why_not import WhyNot
+from ledpi.pipeline.of_config import load_robot
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.recording.still import still_camera

@@ -27,12 +27,11 @@ from ledpi.api.lens import Lens
 from ledpi.api.marker import Fix, Marker
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.panels import PanelSettings
-from ledpi.config.robot import load_robot
+from ledpi.config.robot import load_own_map
 from ledpi.core.errors import ConfigError, PictureError
 from ledpi.core.records import Intrinsics, Phase, Pixels, RowsFrom, Transfer
 from ledpi.core.wording import shortened
 from ledpi.diagnosis.drawing import DIMMED, Placed, draw_markers
-from ledpi.markers.dictionaries import load_dictionary
 
 EXPOSURE_US = 10_000.0  # where a program does not say: the configuration's default
 
@@ -40,7 +39,7 @@ EXPOSURE_US = 10_000.0  # where a program does not say: the configuration's defa
 def drawn(panels: Panels, picture: Pixels, markers: Sequence[Marker]) -> Pixels:
     """(height, width, 3), blue, green, red, as OpenCV shows and writes it: cells, outline, axes and ID of each."""
     settings, lens = _settings(panels), panels.lens_for(picture)
-    words = load_dictionary(settings.dictionary)
+    words = settings.words
     canvas = np.repeat((picture * DIMMED).astype(np.uint8)[..., None], 3, axis=2)
     placed = [
         Placed(
@@ -178,7 +177,7 @@ class Reader(_Reading):
             override("camera.rows_from", rows_from),
         )
         super().__init__(Panels(overrides=values, lens=_intrinsics(lens)), "reader")
-        load_robot(self._panels.config())  # checked here, where they are given
+        load_own_map(self._panels.config())  # checked here, where they are given
         self._decoder: tuple[object, Decoder] | None = None  # of the last picture's kind
 
     def read(self, image: Image, *, row_time_us: float, exposure_us: float = EXPOSURE_US) -> list[Marker]:

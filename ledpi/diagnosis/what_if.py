@@ -20,7 +20,6 @@ from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics,
 from ledpi.diagnosis import other_frequencies, reasons
 from ledpi.diagnosis.reasons import Mistake
 from ledpi.markers.codewords import Dictionary
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 
 # Cells of the predefined dictionaries, the most first: a part of a panel may show a word of fewer cells.
@@ -49,7 +48,7 @@ class WhatIf:
 
     def __init__(self, camera: CameraInfo, panels: PanelSettings, lens: Intrinsics | None) -> None:
         self._camera, self._panels, self._lens = camera, panels, lens
-        self._dictionary = load_dictionary(panels.dictionary)
+        self._dictionary = panels.words
         self._made: list[_Guess] = []
         self._to_make = self._make_guesses()
 
@@ -146,7 +145,7 @@ class WhatIf:
         flipped: bool = False,
     ) -> _Guess:
         panels = self._panels.model_copy(update={"overrides": {}, **(changes or {})})
-        every = tuple(range(len(load_dictionary(panels.dictionary).codewords)))
+        every = tuple(range(len(panels.words.codewords)))
         panels = panels.model_copy(update={"ids": every})
         lens = self._lens
         if flipped and lens is not None:

@@ -17,12 +17,12 @@ from ledpi.camera.factory import is_same_camera
 from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
 from ledpi.config.camera_yaml import lens_of
-from ledpi.config.robot import load_robot, unreadable_note
+from ledpi.config.robot import unreadable_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected
 from ledpi.decode.identify.frequency_search import off_frequency_note
-from ledpi.pipeline.of_config import pipeline_of
+from ledpi.pipeline.of_config import load_robot, pipeline_of
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pose.fix import Robot
 from ledpi.runtime.health import (

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ledpi.camera.base import Camera
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.robot import load_robot
+from ledpi.config.robot import load_own_map
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Floats
@@ -98,7 +98,7 @@ class Reading:
 
 def _read_ahead(config: Config) -> None:
     """Reads the files that a configuration names, to find out before the old daemon has ended. Raises LedpiError."""
-    load_robot(config)
+    load_own_map(config)
     kind, _, place = config.camera.source.partition(":")
     lens_is_known = kind == "recording" and load_recording_with(config, Path(place)).camera.intrinsics is not None
     if config.camera.intrinsics is not None and not lens_is_known:
