@@ -21,7 +21,7 @@ COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop", "takes", "take", "t
 NAMED: tuple[Do, ...] = ("save", "record")  # in a hello: whoever may `record` may do the others
 
 _KEYS: dict[str, tuple[str, ...]] = {
-    **{do: () for do in get_args(Do)},
+    **dict.fromkeys(get_args(Do), ()),
     "picture": ("with",),
     "record": ("seconds",),
     "take": ("name", "offset"),

@@ -103,15 +103,6 @@ def test_health_counts_what_the_daemon_does(running: Path) -> None:
     assert any("serial_lost" in fault["text"] for fault in second["faults"])
 
 
-def test_the_configuration_says_what_the_command_line_gave(running: Path) -> None:
-    """And what stands in the file."""
-    with connect(running) as client:
-        answer = client.ask("config")
-    assert answer["values"]["tap.socket"] == str(running)
-    assert answer["from"]["tap.socket"] == "--set"
-    assert answer["from"]["serial.baud"] == str(ROOT / "config.yaml")
-
-
 # ---- Its life
 
 
@@ -188,25 +179,6 @@ def test_a_reload_makes_a_socket_that_was_cleared_away_again(tmp_path: Path) -> 
             assert next(client.lines())["type"] == "hello"
         assert end(process, signal.SIGTERM).status == 0
     assert not path.exists()
-
-
-@pytest.mark.slow
-def test_a_killed_daemon_is_followed_again_when_it_is_back(tmp_path: Path) -> None:
-    """Finds no obstacle in what it left of its socket, and its client says that it was gone."""
-    path = tmp_path / "tap.sock"
-    with daemon(*SIMULATED, at(path)) as process:
-        client = reach(path)
-        lines = client.lines(reconnect=True)
-        first = next(lines)
-        process.send_signal(signal.SIGKILL)
-        while next(lines)["type"] != "lost":
-            pass
-    assert path.exists()
-    with daemon(*SIMULATED, at(path)) as process:
-        again = next(lines)
-        assert (again["type"], again["pid"]) == ("hello", process.pid)
-        client.close()
-    assert first["pid"] != again["pid"]
 
 
 @pytest.mark.slow
@@ -391,12 +363,3 @@ def test_the_page_names_every_key(running: Path) -> None:
     documented_with_decode = {"seq", "decode_ms", "markers", "robot"}
     named = set(re.findall(r"[`\"]([a-z_]+)[`\"]", page)) | documented_with_decode | {"pixels"}
     assert keys - named == set()
-
-
-@pytest.mark.slow
-def test_fifty_clients_follow_at_once(running: Path) -> None:
-    """Each gets its frames."""
-    clients = [Raw(running) for _ in range(50)]
-    for client in clients:
-        assert client.line()["type"] == "hello"
-    assert all(client.next("decoded") for client in clients)

@@ -20,7 +20,6 @@ from ledpi.runtime.takes import LIVE_FILE, RECORDED, takes_folder
 from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.tap.client import connect
 from ledpi.tap.protocol import Request
-from ledpi.view.hub import Hub
 from tests.builders.command import ledpi
 from tests.builders.daemon import SIMULATED, SIMULATED_YAML, daemon, end
 from tests.builders.rewind import differences_once_settled, stream, without_exposures, without_times
@@ -205,27 +204,6 @@ def test_a_disk_that_fills_up_is_told(takes: Path, tmp_path: Path) -> None:
     assert f"; {len(load_recording(part).frames)} frames" in told["error"]
     assert Path(answer["path"]) in recorded(takes)
     assert sum("record_failed" in line for line in ended.log) == 1
-
-
-@pytest.mark.slow
-def test_the_page_starts_and_stops_it(takes: Path, tmp_path: Path) -> None:
-    """Its button tells whether a recording runs, and where it is once it is stopped."""
-    path = tmp_path / "tap.sock"
-    with daemon(*SIMULATED, at(path), OFF), reach(path):
-        hub = Hub(str(path))
-        hub.start()
-        try:
-            wait_until(lambda: hub.state(0, 0.1)["link"]["state"] == "up")
-            before = hub.state(0, 0.0)["recording"]
-            hub.record(600.0)
-            meanwhile = hub.state(0, 0.0)["recording"]
-            answer = hub.record_stop()
-            after = hub.state(0, 0.0)["recording"]
-        finally:
-            hub.close()
-    assert (before, meanwhile, after) == (False, True, False)
-    assert recorded(takes) == [Path(answer["path"])]
-    assert answer["frames"] > 5
 
 
 def begun(recorder: TapRecorder, pool: ThreadPoolExecutor) -> Future[dict[str, Any]]:

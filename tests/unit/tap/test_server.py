@@ -190,13 +190,6 @@ def test_the_configuration_says_where_each_value_comes_from(tap: Tap) -> None:
     assert (answer["values"], answer["from"]) == (SETUP.values, SETUP.origins)
 
 
-def test_after_a_reload_the_same_connection_says_hello_again(tap: Tap) -> None:
-    """With the new daemon's values."""
-    client = follow(tap)
-    tap.begin(dataclasses.replace(SETUP, source="recording:/take"))
-    assert client.next("hello")["camera"]["source"] == "recording:/take"
-
-
 # ---- Who reads slowly, or not at all
 
 
