@@ -99,7 +99,6 @@ class _OneLine(logging.Formatter):
 def _add_commands() -> None:
     from ledpi.cli import (  # noqa: F401, each adds its command to `app`
         backup,
-        bags,
         bridge,
         calibrate,
         calibrate_board,
@@ -111,6 +110,8 @@ def _add_commands() -> None:
         decode,
         doctor,
         evaluate,
+        export,
+        import_,
         map,
         monitor,
         panel,

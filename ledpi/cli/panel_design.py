@@ -87,10 +87,11 @@ def design(
 
 
 def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flicker: Flicker, own_light: float) -> Task:
+    from ledpi.markers.dictionaries import load_dictionary
     from ledpi.tools.panel.design import Task, farthest_m
 
     panels, sensor = settings.panels, _sensor(settings.camera)
-    cells = panels.words.cells_per_side
+    cells = load_dictionary(panels.dictionary).cells_per_side
     farthest = farthest_m(sensor, panels.side_m, cells)
     return Task(
         sensor=sensor,
@@ -143,6 +144,7 @@ def _sensor(camera: CameraSettings) -> SimulatedSensor:
 
 def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     """Says what is wrong with a pair, or how far it carries. Exit status 1 where it cannot be used."""
+    from ledpi.markers.dictionaries import load_dictionary
     from ledpi.tools.panel.design import auto_rows, proposal_at, views_of
     from ledpi.tools.panel.design_text import legend, summary_line, table
     from ledpi.tools.panel.reach import reach_views
@@ -158,7 +160,7 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
         _say_findings(task, found)
         raise typer.Exit(1)
     proposal = proposal_at(task, black_hz, white_hz, rows, views_of(task))
-    dictionary = settings.panels.words
+    dictionary = load_dictionary(settings.panels.dictionary)
     (row,) = _add_reach(task, dictionary, reach_views(task), [("checked", proposal)])
     typer.echo(summary_line("good are", row[1:]))
     _say_findings(task, found)
@@ -177,13 +179,17 @@ def _say_findings(task: Task, found: list[Finding]) -> None:
 
 def _say_unreported(panels: PanelSettings) -> None:
     """Which IDs to do without, as long as none were chosen."""
+    from ledpi.markers.dictionaries import load_dictionary
 
-    note = panels.unreported_note(range(len(panels.words.codewords))) if panels.ids is None else ""
+    note = (
+        panels.unreported_note(range(len(load_dictionary(panels.dictionary).codewords))) if panels.ids is None else ""
+    )
     if note:
         typer.echo(f"note: {note}")
 
 
 def _design(task: Task, settings: Config, out: Path | None) -> None:
+    from ledpi.markers.dictionaries import load_dictionary
     from ledpi.tools.panel.design import antiphase_proposals, auto_rows, candidate_pairs, proposal_at, ranked, views_of
     from ledpi.tools.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
     from ledpi.tools.panel.reach import reach_views
@@ -196,7 +202,7 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
     with progress("trying pairs", len(candidate_pairs(task))) as advance:
         proposals = [("pair", p) for p in ranked(task, present, views, advance)[:_SHOWN]]
     proposals += [("antiphase", p) for p in antiphase_proposals(task, views)[:_SHOWN]]
-    dictionary = panels.words
+    dictionary = load_dictionary(panels.dictionary)
     drawn = _add_reach(task, dictionary, reach_views(task), [*proposals, ("present", present)])
     own = drawn[-1]
     pairs, antiphases = (_farthest_first(drawn, kind, own) for kind in ("pair", "antiphase"))

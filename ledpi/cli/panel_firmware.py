@@ -87,6 +87,7 @@ def _plan(
     phase: PhaseName | None,
     build: Build,
 ) -> Firmware:
+    from ledpi.markers.dictionaries import load_dictionary
     from ledpi.simulate.scene import OV5647_ROW_TIME_US
     from ledpi.simulate.scenes import whole_rows_us
     from ledpi.tools.panel.firmware import plan_firmware
@@ -108,7 +109,7 @@ def _plan(
     row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
     return plan_firmware(
         build,
-        settings.panels.words,
+        load_dictionary(settings.panels.dictionary),
         marker_id,
         spec,
         exposure_us=whole_rows_us(camera.exposure_us, row_time_us),

@@ -86,13 +86,14 @@ def _check_direct(supply: float | None, leds: int | None) -> None:
 
 
 def _planned(panels: PanelSettings, marker_id: int, lamps: Lamps | PinCircuit) -> Sheet:
+    from ledpi.markers.dictionaries import load_dictionary
     from ledpi.tools.panel.body import Body
     from ledpi.tools.panel.circuit import plan_circuit
     from ledpi.tools.panel.firmware import SINGLE_CELLS
     from ledpi.tools.panel.pins import PinCircuit
     from ledpi.tools.panel.sheet import Sheet
 
-    dictionary, spec = panels.words, panels.spec(marker_id)
+    dictionary, spec = load_dictionary(panels.dictionary), panels.spec(marker_id)
     try:
         dictionary.check_readable(marker_id, spec.phase)
         codeword = dictionary.codeword(marker_id)

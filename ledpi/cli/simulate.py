@@ -112,13 +112,14 @@ def _board(settings: Config) -> Scene:
 
 def _still(settings: Config, ids: list[int], distance_m: float, angle_deg: float) -> Scene:
     from ledpi.camera.simulated import simulated_sensor
+    from ledpi.markers.dictionaries import load_dictionary
     from ledpi.simulate.scenes import still_scene
 
     sensor = simulated_sensor(settings.camera, settings.panels)
     specs = _specs(settings.panels, ids)
     try:
         for marker_id in ids:
-            settings.panels.words.check_readable(marker_id, settings.panels.phase)
+            load_dictionary(settings.panels.dictionary).check_readable(marker_id, settings.panels.phase)
         return still_scene(sensor, specs, settings.panels.dictionary, distance_m=distance_m, angle_deg=angle_deg)
     except ValueError as error:
         raise ConfigError(f"--id: {error}") from None

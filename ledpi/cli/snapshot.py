@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import typer
 
 from ledpi.cli import app
-from ledpi.cli.files import check_apart, says_all, still_of, write_drawn
+from ledpi.cli.drawn import check_apart, write_drawn
 from ledpi.cli.progress import progress
+from ledpi.cli.stills import says_all, still_of
 from ledpi.core.errors import CameraError, ConfigError, RecordingError
 
 if TYPE_CHECKING:
