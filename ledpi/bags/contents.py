@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from ledpi.bags.reading import libraries_silent
+from ledpi.bags.bounds import libraries_silent
 from ledpi.config.camera_yaml import lens_of_form
 from ledpi.config.lens_forms import lens_form
 from ledpi.config.values import MAX_SIDE_PX, Finite, SidePx

@@ -3,56 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
-
-import numpy as np
 
 from ledpi.bags.bag_writer import BagWriter
-from ledpi.config.camera_yaml import lens_of
-from ledpi.config.settings import Config
+from ledpi.bags.replay import Replay, Warn
 from ledpi.core.errors import RecordingError
 from ledpi.core.files import nothing_left, read_bytes, read_text
-from ledpi.core.records import Decoded, Frame
-from ledpi.pipeline.of_config import pipeline_of
 from ledpi.recording.format import FRAMES_FILE, HEADER_FILE, MAX_LINES_BYTES, TRUTH_FILE
-from ledpi.recording.overrides import load_recording_with
-from ledpi.recording.picture import MAX_BYTES, read_picture
-from ledpi.recording.reader import FrameEntry, Recording
+from ledpi.recording.picture import MAX_BYTES
 
-Warn = Callable[[str], None]
 NO_CLOCK = "does not say when it was taken (wall_clock_offset_ns): the bag's times begin in 1970"
-
-
-class Replayed(NamedTuple):
-    """One frame."""
-
-    entry: FrameEntry
-    frame: Frame
-    decoded: Decoded
-
-
-class Replay:
-    """As `ledpi decode` has it. Raises LedpiError."""
-
-    def __init__(self, config: Config, folder: Path) -> None:
-        self.recording: Recording = load_recording_with(config, folder)
-        camera = self.recording.camera
-        lens = lens_of(camera, config.camera.intrinsics)
-        self._pipeline = pipeline_of(config, camera, lens, self.recording.panel_values)
-
-    def frames(self, warn: Warn) -> Iterator[Replayed]:
-        """Each in its order; broken pictures are left out with a warning."""
-        camera = self.recording.camera
-        picture = np.empty((camera.height, camera.width), np.uint8)
-        for entry in self.recording.frames:
-            fault = read_picture(entry.picture, picture)
-            if fault is not None:
-                warn(fault.message)
-                continue
-            frame = self.recording.frame(entry, picture.copy())
-            yield Replayed(entry, frame, self._pipeline.decode(frame))
 
 
 def export_bag(replay: Replay, out: Path, warn: Warn) -> Iterator[None]:

@@ -22,14 +22,6 @@ from ledpi.core.files import not_written
 from ledpi.ros.contents import Message
 from ledpi.ros.types import definition, to_cdr
 
-IMAGE = "/camera/image_raw/compressed"
-CAMERA_INFO = "/camera/camera_info"
-# std_msgs/String: a line of frames.jsonl, of truth.jsonl, and what the tap tells of each frame.
-FRAME, TRUTH, DECODED = "/ledpi/frame", "/ledpi/truth", "/ledpi/decoded"
-METADATA = "ledpi.recording"  # the bag's metadata of this name holds recording.yaml, and a dictionary's file
-CAMERA_FRAME = "camera_optical_frame"
-
-
 CHUNK_BYTES = 1 << 18  # one or two frames
 PROFILE = "ros2"
 

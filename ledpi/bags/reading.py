@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import resource
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -26,39 +23,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ledpi.core.errors import LedpiError, RecordingError
 from ledpi.core.wording import one_line, shortened_name
 
-MAX_BYTES = 1 << 28  # beyond what the process has: the largest picture in colour, four times
 MAX_RECORD_BYTES = 1 << 26  # of a chunk, packed and unpacked; rosbag2 makes them 768 kB by default
-
-
-@contextmanager
-def memory_bounded(path: Path) -> Iterator[None]:
-    """Lets the process take no more, and raises RecordingError where it wants to."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    has = 1024 * int(Path("/proc/self/status").read_text(encoding="ascii").split("VmData:")[1].split()[0])
-    limits = [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
-    resource.setrlimit(resource.RLIMIT_DATA, (min([has + MAX_BYTES, *limits]), hard))
-    try:
-        yield
-    except MemoryError:
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the words of the error, too, take some
-        most = f"{MAX_BYTES >> 20} MB"
-        raise RecordingError(f"{path}: would take more than {most} of memory to read; must be smaller") from None
-    finally:
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-
-
-@contextmanager
-def libraries_silent() -> Iterator[None]:
-    """Lets nothing through of what OpenCV, libpng or libjpeg print of a damaged file: ledpi says it, in one line."""
-    errors, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nothing, 2)
-        yield
-    finally:
-        os.dup2(errors, 2)
-        os.close(errors)
-        os.close(nothing)
-
 
 Warn = Callable[[str], None]
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from ledpi.bags.export import Replay, Warn
+from ledpi.bags.replay import Replay, Warn
 from ledpi.bridge.wpilib_values import SCHEMAS, frame_values
 from ledpi.core.errors import RecordingError
 from ledpi.core.files import not_written, nothing_left

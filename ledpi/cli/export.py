@@ -26,7 +26,7 @@ def export(
 
     Example: ledpi export takes/kitchen kitchen.mcap
     """
-    from ledpi.bags.export import Replay
+    from ledpi.bags.replay import Replay
     from ledpi.cli.bags_extra import needs_bags
     from ledpi.config.settings import find_config, load_config
 
