@@ -24,7 +24,7 @@ from ledpi.cli import main
 from ledpi.cli.evaluate import SIDE, method_option, panel_options
 from ledpi.cli.progress import progress
 from ledpi.cli.simulate import TransferName
-from ledpi.config.renamed import METHODS
+from ledpi.config.overrides import METHODS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum

@@ -30,7 +30,7 @@ def doctor(
 
     Example: ledpi doctor --config /etc/ledpi/config.yaml
     """
-    from ledpi.tools.doctor.page import show
+    from ledpi.tools.doctor.finding import show
 
     raise typer.Exit(show(_findings(config, set_), as_json=as_json))
 

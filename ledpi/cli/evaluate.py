@@ -11,7 +11,7 @@ import typer
 
 from ledpi.cli import app
 from ledpi.cli.progress import progress
-from ledpi.config.renamed import METHODS, current_name
+from ledpi.config.overrides import METHODS, current_name
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
 

@@ -36,8 +36,7 @@ def import_(
 
     Example: ledpi map import 2024-crescendo.json markers.yaml
     """
-    from ledpi.config.map_wpilib import load_layout
-    from ledpi.config.map_yaml import map_text
+    from ledpi.config.map_yaml import load_layout, map_text
     from ledpi.config.robot import unreadable_note
     from ledpi.config.settings import find_config, load_config
     from ledpi.tools.calibrate.files import write_keeping_old
@@ -71,8 +70,7 @@ def export(
 
     Example: ledpi map export markers.yaml layout.json --field 12 8
     """
-    from ledpi.config.map_wpilib import layout_text
-    from ledpi.config.map_yaml import load_map
+    from ledpi.config.map_yaml import layout_text, load_map
     from ledpi.tools.calibrate.files import write_keeping_old
 
     if not all(math.isfinite(metres) and metres > 0 for metres in field):

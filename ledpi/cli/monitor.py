@@ -16,7 +16,6 @@ import typer
 from ledpi.cli import app
 from ledpi.core.errors import WireError
 from ledpi.core.wording import counted
-from ledpi.diagnosis.no_fix import why_no_fix
 
 if TYPE_CHECKING:
     import serial
@@ -153,6 +152,8 @@ def _deviation_text(deviations: tuple[float, float, float] | None) -> str:
 
 
 def _status_text(m: StatusMessage) -> str:
+    from ledpi.diagnosis.reasons import why_no_fix
+
     fix = "fix" if m.no_fix == 0 else f"no fix: {why_no_fix(m.no_fix.name)}"
 
     def known(value: int | None, text: str = "{}") -> str:

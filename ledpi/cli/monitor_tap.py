@@ -38,7 +38,7 @@ def show_table(socket_path: str, seconds: float | None) -> None:
 
     from ledpi.tap.client import connect
     from ledpi.tap.frames import frame_of, not_read_of, read_px_of
-    from ledpi.tools.monitor.table import Live
+    from ledpi.tools.monitor import Live
 
     live, shown_s, asked_s = Live(), -math.inf, -math.inf
     why_not: WhyNot | None = None

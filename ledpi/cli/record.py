@@ -77,7 +77,7 @@ def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
 def _writer(out: Path, settings: Config, camera: CameraInfo, pipeline: Pipeline) -> FrameWriter:
     """Returns that of a folder, or of a bag."""
     from ledpi.cli.bags_extra import needs_bags
-    from ledpi.runtime.take_writer import TakeWriter
+    from ledpi.runtime.takes import TakeWriter
 
     dictionary, panel = pipeline.panels.dictionary, pipeline.panels.spec()
     note = f"recorded from {settings.camera.source}"

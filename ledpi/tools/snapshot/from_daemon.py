@@ -6,11 +6,11 @@ from collections import deque
 from pathlib import Path
 from typing import NamedTuple
 
-from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config
 from ledpi.core.errors import TapError
 from ledpi.core.records import CameraInfo, Frame
 from ledpi.diagnosis.why_not import RUN_FRAMES
+from ledpi.pipeline.of_config import load_robot
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.tap.client import Client, connect
 from ledpi.tap.frames import camera_of, frame_of

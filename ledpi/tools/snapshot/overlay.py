@@ -4,8 +4,18 @@ from __future__ import annotations
 
 from ledpi.core.records import MarkerPose
 from ledpi.diagnosis.diagnose import Diagnosis
-from ledpi.diagnosis.drawing import DROPPED, FAINT, Canvas, outline
-from ledpi.diagnosis.drawn_markers import DIMMED, Placed, box_of, draw_label, draw_markers, scaled
+from ledpi.diagnosis.drawing import (
+    DIMMED,
+    DROPPED,
+    FAINT,
+    Canvas,
+    Placed,
+    box_of,
+    draw_label,
+    draw_markers,
+    outline,
+    scaled,
+)
 from ledpi.tools.snapshot.record import Snapshot
 
 
