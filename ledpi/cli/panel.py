@@ -27,7 +27,6 @@ from ledpi.tools.panel.firmware import (
     plan_firmware,
     write_firmware,
 )
-from ledpi.tools.panel.firmware_readme import readme_text
 from ledpi.tools.panel.matplotlib_extra import require_matplotlib
 from ledpi.tools.panel.pins import PinCircuit, plan_pins
 
@@ -83,7 +82,7 @@ def firmware(
     """
     settings = _settings(config, set_)
     planned = _plan(settings, id_, black, white, phase, build)
-    write_firmware(planned, readme_text(planned), out)
+    write_firmware(planned, out)
     for name, half in (("black", planned.black), ("white", planned.white)):
         typer.echo(f"{name}  {half.cycles} cycles  {half.frequency_hz:.4f} Hz  {half.error_ppm:+.1f} ppm")
     missing = missing_tools()

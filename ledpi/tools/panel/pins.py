@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from ledpi.core.errors import ConfigError
 from ledpi.tools.panel.circuit import next_e24
-from ledpi.tools.panel.firmware_readme import CELL_PINS
+from ledpi.tools.panel.firmware import CELL_PINS
 
 USB_V, USB_MOST_V = 5.0, 5.25
 PIN_OHM = 25.0  # of an output at 5 V: 20 mA leave 4.5 V, typically

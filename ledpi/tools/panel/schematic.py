@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ledpi.tools.panel.circuit import Circuit, ohm_text
-from ledpi.tools.panel.firmware_readme import OUTPUTS
+from ledpi.tools.panel.firmware import OUTPUTS
 from ledpi.tools.panel.paper import box
 from ledpi.tools.panel.sheet_views import CLASS_COLOUR
 

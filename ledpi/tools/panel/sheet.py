@@ -12,7 +12,7 @@ from ledpi.markers.codewords import Dictionary
 from ledpi.tools.panel.body import Body
 from ledpi.tools.panel.circuit import Circuit, ohm_text
 from ledpi.tools.panel.cut import back_dxf, front_dxf, walls_dxf, walls_stl
-from ledpi.tools.panel.firmware_readme import OUTPUTS
+from ledpi.tools.panel.firmware import OUTPUTS
 from ledpi.tools.panel.paper import MARGIN_MM, Page, write_pdf, write_svg
 from ledpi.tools.panel.pins import PinCircuit
 from ledpi.tools.panel.schematic import GATE_OHM, PULL_DOWN_OHM, SIZE_MM, draw_schematic

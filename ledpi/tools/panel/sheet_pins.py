@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ledpi.tools.panel.body import Body
 from ledpi.tools.panel.circuit import ohm_text
-from ledpi.tools.panel.firmware_readme import CELL_PINS
+from ledpi.tools.panel.firmware import CELL_PINS
 from ledpi.tools.panel.pins import (
     CHIP_MOST_A,
     CHIP_OWN_A,
