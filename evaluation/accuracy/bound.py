@@ -1,7 +1,7 @@
 """Reading beside its bound: the share of panels that are read, and that of decoders that are told more.
 
-    python -m evaluation.accuracy bound SET [--single] [--skip N]
-    python -m evaluation.accuracy bound [--takes 24] [--stream] [DISTANCE…]
+    python -m evaluation.accuracy.bound SET [--single] [--skip N]
+    python -m evaluation.accuracy.bound [--takes 24] [--stream] [DISTANCE…]
 
 Of the recordings with truth in and below the folder SET: how many panels are read with the true corners given, in
 single frames, or in streams of which the first N frames do not count; and how many were when that was frozen, so that

@@ -4,7 +4,7 @@ Both are timed on the same frames, in turn, in one process, OpenCV on one thread
 processor's time, so that whatever else runs on the machine hardly shows. Those of stages (in brackets) are of the
 clock's: to ask for the processor's at each costs as much as a stage.
 
-    python -m evaluation.accuracy recordings [--stream] RECORDING…
+    python -m evaluation.accuracy.recordings [--stream] RECORDING…
 """
 
 from __future__ import annotations

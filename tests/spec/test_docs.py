@@ -153,8 +153,8 @@ def test_the_page_of_commands_has_every_command(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_benchmarks_that_a_page_names_are_there() -> None:
-    """`python -m evaluation.speed latency`, as it is typed."""
-    for document, (folder, name) in found(r"python -m evaluation\.(\w+)(?: ([a-z]\w*))?"):
+    """`python -m evaluation.speed.latency`, as it is typed."""
+    for document, (folder, name) in found(r"python -m evaluation\.(\w+)(?:\.(\w+))?"):
         there = ROOT / "evaluation" / folder
         assert there.is_dir() or there.with_suffix(".py").is_file(), document
         assert not name or (there / f"{name}.py").is_file(), f"{document}: {folder} {name}"

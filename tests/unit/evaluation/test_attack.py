@@ -127,7 +127,7 @@ def test_a_failure_is_reported_with_the_command_that_repeats_it(
     assert fails(tmp_path, "print('scene 6'); print('scene 7'); raise SystemExit('runtime error: shift')")
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "pictures: FAILED, status 1"
-    assert said[1:] == ["runtime error: shift", "again: python -m evaluation.endurance attack --seed 3 --scene 7"]
+    assert said[1:] == ["runtime error: shift", "again: python -m evaluation.endurance.attack --seed 3 --scene 7"]
 
 
 def test_what_hangs_has_failed(
