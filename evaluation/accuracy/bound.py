@@ -44,8 +44,8 @@ from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.recording.reader import FrameEntry, Recording, find_recordings, load_recording
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, PanelReader
 from ledpi.tools.evaluate.recorded import frame_of
+from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE, PanelReader
 from ledpi.tools.evaluate.table import PLAIN
 
 SHOWN = (4, 12)  # of a stream's frames

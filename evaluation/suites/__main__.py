@@ -27,8 +27,7 @@ from ledpi.config.renamed import METHODS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
-from ledpi.tools.evaluate.folder import ResultsFolder
-from ledpi.tools.evaluate.page import PAGE_FILE, summary, write_results
+from ledpi.tools.evaluate.page import PAGE_FILE, ResultsFolder, summary, write_results
 
 
 class SuiteName(StrEnum):

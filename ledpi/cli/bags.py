@@ -14,6 +14,8 @@ from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import InstallationError
 from ledpi.core.wording import counted, install_command
 
+VIDEOS = {".mp4", ".mkv", ".avi", ".mov", ".webm"}
+
 
 @contextmanager
 def needs_bags() -> Iterator[None]:
@@ -52,9 +54,6 @@ def export(
         for _ in exported(replay, out, lambda said: typer.echo(said, err=True)):
             advance(1)
     typer.echo(f"{out}: {total} frames, {out.stat().st_size / 1e6:.1f} MB")
-
-
-VIDEOS = {".mp4", ".mkv", ".avi", ".mov", ".webm"}
 
 
 @app.command("import")

@@ -8,18 +8,16 @@ from pathlib import Path
 import typer
 
 from ledpi.cli import CONFIG, app
-from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.files import read_bytes
-from ledpi.core.records import PanelSpec, Pixels
+from ledpi.core.records import Pixels
 from ledpi.core.str_enum import StrEnum
 from ledpi.recording.picture import MAX_BYTES
 from ledpi.recording.still import decode_grey
 from ledpi.tools.calibrate.board_sheet import sheet_pdf
 from ledpi.tools.calibrate.boards import Board
-from ledpi.tools.calibrate.config_file import change_config
-from ledpi.tools.calibrate.files import write_keeping_old
+from ledpi.tools.calibrate.files import change_config, write_keeping_old
 from ledpi.tools.calibrate.status import next_command, parts
 
 calibrate = typer.Typer(rich_markup_mode=None)
@@ -63,10 +61,9 @@ def name_in_config(file: Path, key: tuple[str, ...], written: Path) -> str:
     return f"{file}: {'.'.join(key)}: {place} written; the older one is kept as {kept}"
 
 
-def announced_specs(panels: PanelSettings) -> list[PanelSpec]:
-    """Every pair of frequencies that a panel is announced with, the common one first."""
-    specs = [panels.spec(), *(panels.spec(marker_id) for marker_id in panels.overrides)]
-    return list({(spec.black_hz, spec.white_hz): spec for spec in reversed(specs)}.values())[::-1]
+def older(kept: Path | None) -> str:
+    """Says where the file is that was there before."""
+    return f"; the older one is kept as {kept}" if kept else ""
 
 
 def read_grey(path: Path) -> Pixels:
@@ -116,5 +113,5 @@ def board(
     caption = f"100 mm. Squares of {square_mm:g} mm. {command}"
     drawn = sheet_pdf(Board(columns=cols, rows=rows, kind=kind.value), square_mm, paper.value, caption)
     kept = write_keeping_old(out, drawn)
-    typer.echo(f"{out} written" + (f"; the older one is kept as {kept}" if kept else ""))
+    typer.echo(f"{out} written{older(kept)}")
     typer.echo(f"print it at 100 %, check the ruler, then: {command}")

@@ -22,6 +22,7 @@ from ledpi.cli.calibrate import (
     KindName,
     calibrate,
     name_in_config,
+    older,
     read_grey,
     settings_for,
 )
@@ -34,10 +35,9 @@ from ledpi.recording.still import SUFFIXES
 from ledpi.tools.calibrate.boards import Board, BoardFinder, BoardView, other_board
 from ledpi.tools.calibrate.camera import CameraCalibration, calibrate_camera, parameters
 from ledpi.tools.calibrate.camera import quality as quality_of
-from ledpi.tools.calibrate.config_file import check_changeable
-from ledpi.tools.calibrate.coverage import corner_counts, draw_coverage, places_without_corners
-from ledpi.tools.calibrate.files import check_with_picture, picture_beside, write_keeping_old
-from ledpi.tools.calibrate.live_board import collect_views
+from ledpi.tools.calibrate.collecting import corner_counts, draw_coverage, places_without_corners
+from ledpi.tools.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
+from ledpi.tools.calibrate.taking import collect_views
 
 
 class ModelName(str, Enum):
@@ -208,10 +208,10 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
     if "shutter" in before:  # what `ledpi calibrate shutter` measured does not change with the lens
         quality["shutter"] = before["shutter"]
     kept = write_keeping_old(out, camera_yaml_text(result.intrinsics, quality))
-    lines = [f"{out} written" + (f"; the older one is kept as {kept}" if kept else "")]
+    lines = [f"{out} written{older(kept)}"]
     picture = picture_beside(out)
     kept = write_keeping_old(picture, cv2.imencode(".png", draw_coverage(result))[1].tobytes())
-    return [*lines, f"{picture}: where the corners were" + (f"; the older one is kept as {kept}" if kept else "")]
+    return [*lines, f"{picture}: where the corners were{older(kept)}"]
 
 
 def _name_in_config(settings: Config, file: Path | None, out: Path, size: tuple[int, int]) -> str:

@@ -22,8 +22,7 @@ from ledpi.core.wording import install_command
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.overrides import load_recording_with
-from ledpi.tools.calibrate.config_file import check_changeable
-from ledpi.tools.calibrate.files import check_with_picture, picture_beside, write_keeping_old
+from ledpi.tools.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
 from ledpi.tools.calibrate.map_views import View, view_of
 
 if TYPE_CHECKING:

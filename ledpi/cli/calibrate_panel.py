@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from ledpi.cli import CONFIG, SET, progress
-from ledpi.cli.calibrate import announced_specs, calibrate, read_grey, settings_for
+from ledpi.cli.calibrate import calibrate, read_grey, settings_for
 from ledpi.config.panels import PanelOverride, PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
@@ -18,12 +18,11 @@ from ledpi.core.shutter import contrast
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.still import SUFFIXES, still_camera
-from ledpi.tools.calibrate.band_search import PanelLight
-from ledpi.tools.calibrate.bands import ClassBands
-from ledpi.tools.calibrate.config_file import Key, change_config, check_changeable
+from ledpi.tools.calibrate.bands import ClassBands, PanelLight
+from ledpi.tools.calibrate.files import Key, change_config, check_changeable
 from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
 from ledpi.tools.calibrate.panel import MAX_LIGHT_SHARE, PanelCalibration, advice, frequency_sigma_hz, measure_panel
-from ledpi.tools.calibrate.still_panels import panel_light, reads, steady_seconds, still_squares
+from ledpi.tools.calibrate.still_panels import measure_still, reads, steady_seconds
 from ledpi.tools.calibrate.taking import Taken, take_frames
 
 
@@ -88,39 +87,24 @@ def _measure_lamps(paths: list[Path], settings: Config) -> None:
 
 def _measure(taken: Taken, panels: PanelSettings) -> list[tuple[PanelCalibration, Floats]]:
     """Each panel in view as measured and read again by the decoder, with its corners."""
-    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, source_panel=taken.panel, stream=False)
-    panels, cells = pipeline.panels, load_dictionary(pipeline.panels.dictionary).cells_per_side
-    measured, refusals = [], ["no lit square is in view"]
-    for corners in still_squares(taken.frames, pipeline):
-        try:
-            light = panel_light(taken.frames, corners, cells, taken.intrinsics)
-            measured.append((_measure_one(taken, panels, light, corners), corners))
-        except CalibrationError as error:
-            refusals.append(str(error))
-    if measured:
-        return measured
-    announced = panels.spec()
-    hints = _advice((announced.black_hz, announced.white_hz), taken)
-    raise CalibrationError("; ".join([refusals[-1], *hints]))
 
+    def measure(light: PanelLight, announced: PanelSpec, corners: Floats) -> PanelCalibration:
+        result = measure_panel(
+            light,
+            load_dictionary(panels.dictionary),
+            announced,
+            exposure_us=taken.frames[0].exposure_us,
+            row_time_us=taken.camera.row_time_us,
+        )
+        _check_that_it_reads(taken, panels, result, corners)
+        return result
 
-def _measure_one(taken: Taken, panels: PanelSettings, light: PanelLight, corners: Floats) -> PanelCalibration:
-    """As the first pair of announced frequencies that it can be, and that the decoder then reads."""
-    why = CalibrationError("no panel is announced")
-    for announced in announced_specs(panels):
-        try:
-            result = measure_panel(
-                light,
-                load_dictionary(panels.dictionary),
-                announced,
-                exposure_us=taken.frames[0].exposure_us,
-                row_time_us=taken.camera.row_time_us,
-            )
-            _check_that_it_reads(taken, panels, result, corners)
-            return result
-        except CalibrationError as error:
-            why = error
-    raise why
+    panels = panels if taken.panel is None else panels.override_with(taken.panel)
+    measured, why = measure_still(taken, panels, measure)
+    if not measured:
+        hints = _advice((panels.black_hz, panels.white_hz), taken)
+        raise CalibrationError("; ".join([why, *hints]))
+    return measured
 
 
 def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalibration, corners: Floats) -> None:

@@ -11,16 +11,17 @@ from typing import Any
 import typer
 
 from ledpi.cli import CONFIG, SET, progress
-from ledpi.cli.calibrate import announced_specs, calibrate, settings_for
+from ledpi.cli.calibrate import calibrate, settings_for
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError, RowTimeUnknownError
-from ledpi.core.records import Floats
+from ledpi.core.records import Floats, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.tools.calibrate.config_file import Key, change_config, check_changeable
+from ledpi.tools.calibrate.bands import PanelLight
+from ledpi.tools.calibrate.files import Key, change_config, check_changeable
 from ledpi.tools.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
-from ledpi.tools.calibrate.still_panels import panel_light, reads, still_squares
+from ledpi.tools.calibrate.still_panels import measure_still, reads
 from ledpi.tools.calibrate.taking import Taken, take_frames
 
 FIRST_ROW_TIME_US = 30.0  # of a camera that does not tell; sensors' rows take 5 to 100
@@ -70,21 +71,18 @@ def _take(settings: Config, frames: int, advance: Callable[[int], None]) -> tupl
 
 def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> ShutterCalibration:
     """By the first square, from the largest on, that is such a panel and that the decoder reads at the new row time."""
-    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, source_panel=taken.panel, stream=False)
-    panels, dictionary = pipeline.panels, load_dictionary(pipeline.panels.dictionary)
-    why = "no lit square is in view"
-    for corners in still_squares(taken.frames, pipeline):
-        for spec in announced_specs(panels):
-            try:
-                light = panel_light(taken.frames, corners, dictionary.cells_per_side, taken.intrinsics)
-                result = measure_shutter(light, dictionary, spec, reported)
-            except CalibrationError as error:
-                why = str(error)
-                continue
-            if _reads(taken, panels, result, corners):
-                return result
-            why = f"bands like those of panel {result.id}, but the decoder does not read it"
-    raise CalibrationError(why)
+
+    def measure(light: PanelLight, announced: PanelSpec, corners: Floats) -> ShutterCalibration:
+        result = measure_shutter(light, load_dictionary(panels.dictionary), announced, reported)
+        if not _reads(taken, panels, result, corners):
+            raise CalibrationError(f"bands like those of panel {result.id}, but the decoder does not read it")
+        return result
+
+    panels = panels if taken.panel is None else panels.override_with(taken.panel)
+    measured, why = measure_still(taken, panels, measure, most=1)
+    if not measured:
+        raise CalibrationError(why)
+    return measured[0][0]
 
 
 def _reads(taken: Taken, panels: PanelSettings, result: ShutterCalibration, corners: Floats) -> bool:

@@ -18,8 +18,7 @@ from ledpi.core.errors import ConfigError
 from ledpi.core.mounts import lost_at_reboot
 from ledpi.core.wording import counted
 from ledpi.runtime.reporting import log_to_standard_error
-from ledpi.tools.calibrate.config_file import changed_yaml
-from ledpi.tools.calibrate.files import write_keeping_old
+from ledpi.tools.calibrate.files import changed_yaml, write_keeping_old
 from ledpi.tools.edit_helper import passed_socket, serve_edits
 from ledpi.tools.editing import set_keys
 

@@ -17,10 +17,9 @@ from ledpi.config.settings import Config, check_method, load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
 from ledpi.recording.overrides import load_recording_with
-from ledpi.tools.evaluate.folder import ResultsFolder, code_version
-from ledpi.tools.evaluate.page import PAGE_FILE, summary, write_results
-from ledpi.tools.evaluate.reading import PANEL_METHODS, PanelMethod
+from ledpi.tools.evaluate.page import PAGE_FILE, ResultsFolder, code_version, summary, write_results
 from ledpi.tools.evaluate.recorded import evaluate_recording, rows_of_recordings
+from ledpi.tools.evaluate.scoring import PANEL_METHODS, PanelMethod
 from ledpi.tools.evaluate.table import TableRow
 
 Name = TypeVar("Name", bound=StrEnum)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,11 +14,12 @@ from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
+from ledpi.core.wording import install_command
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.scene import OV5647_ROW_TIME_US
 from ledpi.simulate.scenes import whole_rows_us
 from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.circuit import Circuit, Lamps, plan_circuit
+from ledpi.tools.panel.circuit import Circuit, Lamps, PinCircuit, plan_circuit, plan_pins
 from ledpi.tools.panel.firmware import (
     SINGLE_CELLS,
     Build,
@@ -27,8 +29,6 @@ from ledpi.tools.panel.firmware import (
     plan_firmware,
     write_firmware,
 )
-from ledpi.tools.panel.matplotlib_extra import require_matplotlib
-from ledpi.tools.panel.pins import PinCircuit, plan_pins
 
 if TYPE_CHECKING:
     from ledpi.tools.panel.sheet import Sheet
@@ -42,9 +42,19 @@ panel = typer.Typer(
 app.add_typer(panel, name="panel")
 
 
+_SUPPLY_V, _LED_MA, _PIN_LED_MA = 12.0, 20.0, 7.5
+
+
 @panel.callback()
 def _group() -> None:
     """Keeps each command one of its own while it is the only one."""
+
+
+def require_extra(what: str, *packages: str) -> None:
+    """Raises ConfigError, with the way to get it, where one of these packages, which are optional, is missing."""
+    missing = next((name for name in packages if find_spec(name) is None), None)
+    if missing is not None:
+        raise ConfigError(f"{what}: must have {missing}, which is not installed: {install_command('panel')}")
 
 
 class PhaseName(StrEnum):
@@ -137,9 +147,6 @@ def _plan(
     )
 
 
-_SUPPLY_V, _LED_MA, _PIN_LED_MA = 12.0, 20.0, 7.5
-
-
 @panel.command()
 def sheet(
     ids: list[int] = typer.Argument(metavar="ID…", help="IDs of the panels."),
@@ -174,7 +181,7 @@ def sheet(
     overrides = [] if file is not None else ["panels.side_m=0.16"]
     overrides += set_ + ([f"panels.side_m={side}"] if side is not None else [])
     panels = load_config(file, tuple(overrides)).panels
-    require_matplotlib("build sheets")
+    require_extra("build sheets", "matplotlib", "schemdraw")
     from ledpi.tools.panel.sheet import write_sheet
 
     lamps: Lamps | PinCircuit

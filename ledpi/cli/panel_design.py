@@ -8,7 +8,7 @@ import typer
 
 from ledpi.camera.simulated import shortest_frame_rows
 from ledpi.cli import CONFIG, SET, progress
-from ledpi.cli.panel import panel
+from ledpi.cli.panel import panel, require_extra
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import CameraSettings, Config, find_config, load_config
@@ -31,7 +31,6 @@ from ledpi.tools.panel.design import (
 from ledpi.tools.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
 from ledpi.tools.panel.frequencies import Flicker
 from ledpi.tools.panel.information import View
-from ledpi.tools.panel.matplotlib_extra import require_matplotlib
 from ledpi.tools.panel.reach import Reach, reach_of, reach_views
 from ledpi.tools.panel.verdict import Finding, findings
 
@@ -236,7 +235,7 @@ def _add_reach(
 
 def _make_folder(out: Path) -> None:
     """Before the minutes that a design takes."""
-    require_matplotlib(f"--out {out}: the plots")
+    require_extra(f"--out {out}: the plots", "matplotlib")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

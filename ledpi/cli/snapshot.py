@@ -24,10 +24,9 @@ from ledpi.recording.overrides import load_recording_with
 from ledpi.recording.picture import read_picture
 from ledpi.recording.still import read_still
 from ledpi.tap.frames import settings_of
-from ledpi.tools.snapshot.from_camera import LOOK_FRAMES, Looking
-from ledpi.tools.snapshot.from_daemon import connected, showing_a_panel
 from ledpi.tools.snapshot.page import draw
 from ledpi.tools.snapshot.record import explain, take
+from ledpi.tools.snapshot.sources import LOOK_FRAMES, Looking, connected, showing_a_panel
 from ledpi.tools.snapshot.steps import draw_steps
 
 FORMATS = (".png", ".jpg")

@@ -15,11 +15,19 @@ from ledpi.core.records import PanelSpec, Phase
 from ledpi.core.str_enum import StrEnum
 from ledpi.markers.codewords import Bits, Dictionary, format_ranges
 from ledpi.tools.calibrate.panel import SAME_DUTY
-from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share
-from ledpi.tools.panel.timer import MAX_HZ, HalfPeriod, half_period
+from ledpi.tools.panel.circuit import CELL_PINS, OUTPUTS
+from ledpi.tools.panel.frequencies import (
+    MAX_HZ,
+    NULL_SHARE,
+    Flicker,
+    HalfPeriod,
+    half_period,
+    nearest_lobe_hz,
+    null_share,
+)
 
-OUTPUTS = {False: "D9", True: "D10"}  # by class; True is white
-CELL_PINS = (*(f"D{n}" for n in range(2, 14)), *(f"A{n}" for n in range(4)))  # cell by cell, row by row
+# The interrupts of both classes, one after the other, take under 160 cycles; the rest is left to the serial line.
+
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
 
 

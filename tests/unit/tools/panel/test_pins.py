@@ -13,8 +13,8 @@ from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.panel.body import Body
+from ledpi.tools.panel.circuit import plan_pins
 from ledpi.tools.panel.paper import Page
-from ledpi.tools.panel.pins import plan_pins
 from ledpi.tools.panel.sheet import Sheet, sheet_pages
 from ledpi.tools.panel.sheet_pins import pin_electrics, pin_parts
 
