@@ -12,7 +12,7 @@ later one, in frame periods; when the second panel is read, in frames; the longe
 watchdog that this allows. Exit status 1 where a scene misses an aim: a share of 90 %, 1.5 periods, one second for
 the second panel, 2 s for the watchdog.
 
-    python -m evaluation.speed worst_frames [--seconds 3] [--slower 1] [--only 640x480/600/4X4_50/squares] [--draw 0]
+    python -m evaluation.speed.worst_frames [--seconds 3] [--slower 1] [--only 640x480/600/4X4_50/squares] [--draw 0]
 """
 
 from __future__ import annotations

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import typer
 
-from ledpi.cli import app
+from ledpi.cli import CONFIG, SET, app
 
 
 @app.command()
 def run(
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
     unpaced: bool = typer.Option(
         False, "--unpaced", help="Replay and simulator only: run as fast as frames are decoded."
     ),

@@ -15,8 +15,7 @@ from ledpi.core.errors import ConfigError
 from ledpi.core.shutter import contrast
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit
-from ledpi.tools.panel.pins import plan_pins
+from ledpi.tools.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit, plan_pins
 from ledpi.tools.panel.sheet_parts import parts
 from tests.builders import ROOT
 from tests.builders.config import known_keys, written_values

@@ -24,7 +24,7 @@ from ledpi.diagnosis.why_not import Why, WhyNot
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
-from ledpi.tools.snapshot.from_camera import LOOK_FRAMES, Looking
+from ledpi.tools.snapshot.sources import LOOK_FRAMES, Looking
 
 MOST = 3  # things that are told of
 FRAMES = 12
