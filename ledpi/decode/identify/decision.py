@@ -23,7 +23,7 @@ from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import Fit, rank_codewords
-from ledpi.decode.identify.plausibility import all_rows_blink, is_plausible, misfit_inflation, settles_deep_bands
+from ledpi.decode.identify.plausibility import all_rows_blink, is_plausible, misfit_inflation
 
 NO_BANDS = Rejected(stage="identify", reason="no_bands")
 NO_CODEWORD = Rejected(stage="identify", reason="not_in_dictionary")
@@ -84,7 +84,7 @@ def judge(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float
     if other < needed:
         return AMBIGUOUS
     margin = min(none, other, outside) / inflation
-    if margin < needed or not settles_deep_bands(evidence, fit, min(other, outside), needed) or not all_rows_blink(fit):
+    if margin < needed or not all_rows_blink(fit):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
