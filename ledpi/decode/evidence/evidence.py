@@ -37,6 +37,10 @@ class Evidence(NamedTuple):
         """(cells, P, P) the blocks of the information that concern one cell each."""
         return np.asarray(np.einsum("cicj->cij", self.information))
 
+    def divided(self, inflation: float) -> Evidence:
+        """The evidence, if noise has so many times the variance."""
+        return self._replace(score=self.score / inflation, information=self.information / inflation)
+
     def unexplained(self, bands: Floats) -> Floats:
         """(cells, P) the score that these bands (cells, P) leave: score − information·bands."""
         residual: Floats = self.score - (self.information.reshape(bands.size, -1) @ bands.reshape(-1)).reshape(

@@ -15,9 +15,6 @@ from ledpi.decode.identify.codewords import Fit
 MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
 MAX_DEPTH_RATIO = 2.5
 DEVIATIONS = 3.0  # allowed to either, for noise
-# Of a codeword's likelihood: walls, tone and harmonics make the bands of a panel's cells differ
-# by a quarter of their depth, a deviation. (The lead it needs allows for more.)
-MODEL_VARIANCE = 1.0 / 16.0
 # Log odds by which a row of cells may be without bands, over having its codeword's: where the exposure has left
 # none of its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
 MOST_AGAINST = 2.0
@@ -31,28 +28,6 @@ def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evide
     if max(least) > MAX_DEPTH or min(most) < MIN_DEPTH:
         return False
     return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
-
-
-def misfit_inflation(evidence: Evidence, fit: Fit) -> float:
-    """By how much noise would be underrated, if all that a codeword leaves of the cells' bands were noise; at least 1.
-
-    Bands of its own in every cell fit better than one codeword's for all, by noise alone with mean and variance of half
-    as many degrees of freedom. What is beyond that is wrong with the model, or these are no cells of one panel: a light
-    that blinks alike everywhere, or something dark across a bright thing. It divides all log odds.
-    """
-    erased = 0 if fit.erased is None else int(np.count_nonzero(fit.erased))
-    by_noise = 0.5 * (len(fit.gain) - erased - 1) * len(evidence.prior)
-    misfit = fit.of_cells - (fit.likelihood[0] + _free_bands_gain(evidence, fit))
-    return max(1.0, misfit / (by_noise + DEVIATIONS * math.sqrt(by_noise) + MODEL_VARIANCE * fit.likelihood[0]))
-
-
-def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:
-    """Returns what a codeword's best bands gain over its likelihood, for their prior: ½ ln det(I + ΛA).
-
-    Some 10 nats; from the deviation of each cosine and sine by itself, which makes it less, if anything.
-    """
-    both = zip(evidence.prior.tolist(), fit.deviation, strict=True)
-    return sum(math.log(math.sqrt(variance) / deviation) for variance, deviation in both)
 
 
 def all_rows_blink(fit: Fit) -> bool:
