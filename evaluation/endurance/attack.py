@@ -6,9 +6,9 @@ decoder (hostile.py recording), and random bytes into the reference receiver (te
 Exit status 1 where one of them failed; what it said, and the command that does the same again, are printed.
 docs/attacks.md says what is attacked, and what has to hold. Needs gcc.
 
-    python -m evaluation.endurance attack [--minutes 30] [--seed 1]
-    python -m evaluation.endurance attack --short              # as CI does: the same scenes each time
-    python -m evaluation.endurance attack --seed 1 --scene 12345   # once more, this scene only (or --recording 12345)
+    python -m evaluation.endurance.attack [--minutes 30] [--seed 1]
+    python -m evaluation.endurance.attack --short              # as CI does: the same scenes each time
+    python -m evaluation.endurance.attack --seed 1 --scene 12345   # once more, this scene only (or --recording 12345)
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def report(attack: Attack, status: int | str, output: str) -> bool:
     begun = [line for line in lines if attack.again and line.startswith(f"{attack.again} ")]
     print("\n".join(line for line in lines if line not in begun))
     if begun:
-        print(f"again: python -m evaluation.endurance attack --seed {attack.seed} --{begun[-1]}")
+        print(f"again: python -m evaluation.endurance.attack --seed {attack.seed} --{begun[-1]}")
     return False
 
 

@@ -6,27 +6,29 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import typer
 
-from ledpi.cli import app
+from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.decode_inputs import check_inputs, check_names_differ, distinct, sort_out, steps_folders
-from ledpi.cli.drawn import write_drawn
-from ledpi.cli.progress import progress
-from ledpi.cli.stills import says_all, still_of
+from ledpi.cli.pictures import Still, says_all, still_of, write_drawn
+from ledpi.config.camera_yaml import lens_of
+from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
+from ledpi.core.row_clock import row_time_note
 from ledpi.core.wording import one_line
+from ledpi.decode.identify.frequency_search import off_frequency_note
+from ledpi.pipeline.of_config import pipeline_of
 from ledpi.pipeline.output import decoded_as_json
-
-if TYPE_CHECKING:
-    from ledpi.cli.stills import Still
-    from ledpi.config.settings import Config
-    from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.recording.reader import Recording
-
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.overrides import load_recording_with
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import Recording
+from ledpi.recording.still import read_still
+from ledpi.tools.snapshot.record import take
+from ledpi.tools.snapshot.steps import draw_steps
 
 OLD_STATE_FILE = "state.bin"  # of older recordings: what the decoder remembered
 
@@ -34,13 +36,13 @@ OLD_STATE_FILE = "state.bin"  # of older recordings: what the decoder remembered
 @app.command()
 def decode(
     paths: list[Path] = typer.Argument(metavar="PATH…", help="Recordings, folders that hold some, or pictures."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
     single_frame: bool = typer.Option(
         False, "--single-frame", help="Decode each frame by itself, without memory of earlier ones."
     ),
     as_live: bool = typer.Option(False, "--as-live", help="Repeat the live results: same frames, same search budgets."),
-    method: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura."),
+    method: str | None = METHOD,
     steps: Path | None = typer.Option(
         None, "--steps", metavar="DIR", help="Also draw how each frame was read, as DIR/NNNNNN.png."
     ),
@@ -55,9 +57,6 @@ def decode(
 
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """
-    from ledpi.config.settings import find_config, load_config
-    from ledpi.recording.overrides import load_recording_with
-
     file = find_config(config)
     overrides = [*set_, *([f"decode.method={method}"] if method is not None else [])]
     # Recordings bring their panel's size; pictures without a configuration are refused below.
@@ -99,12 +98,6 @@ def _decode_recording(
     advance: Callable[[int], None],
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
-    from ledpi.config.camera_yaml import lens_of
-    from ledpi.core.row_clock import row_time_note
-    from ledpi.decode.identify.frequency_search import off_frequency_note
-    from ledpi.pipeline.of_config import pipeline_of
-    from ledpi.recording.picture import read_picture
-
     camera = recording.camera
     if recording.row_time_ratio != 1.0:
         _note(f"{recording.folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}")
@@ -134,9 +127,6 @@ def _decode_recording(
 
 def _decode_pictures(stills: list[tuple[Path, Still]], steps: Path | None, *, advance: Callable[[int], None]) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
-    from ledpi.pipeline.of_config import pipeline_of
-    from ledpi.recording.still import read_still
-
     bad, used, pipeline = 0, None, None
     for seq, (path, still) in enumerate(stills):
         if pipeline is None or used != still:
@@ -158,9 +148,6 @@ def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None
     if steps is None:
         _print(pipeline.decode(frame), name)
         return
-    from ledpi.tools.snapshot.record import take
-    from ledpi.tools.snapshot.steps import draw_steps
-
     taken = take(f"{name}, frame {frame.seq}", frame, pipeline, lens)
     try:
         steps.mkdir(parents=True, exist_ok=True)

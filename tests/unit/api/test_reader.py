@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ledpi.api.picture import checked_picture
 
 import ledpi
 import ledpi.api.lens
 import ledpi.api.reader
 from ledpi.api.marker import Marker, marker_of
-from ledpi.api.picture import checked_picture
 from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.core.geometry import quaternion_from_matrix
 from ledpi.core.records import Detection, Floats, MarkerPose, Pixels, PlanarSolution, Pose

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.config.map_wpilib import layout_text, load_layout
-from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M, load_map, map_text
+from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M, layout_text, load_layout, load_map, map_text
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Floats
 from ledpi.pose.panel_map import MapPanel, PanelMap

@@ -353,3 +353,33 @@ def test_one_panel_may_be_in_antiphase(tmp_path: Path) -> None:
     panels = load_config(write(tmp_path, f"panels: {{side_m: 0.2, overrides: {override}}}")).panels
     assert panels.spec(9).waves_hz == (1653.0,)
     assert panels.frequencies_hz() == (1250.0, 1653.0, 2450.0)
+
+
+OLD = [("soft", "likelihood"), ("bands", "uemura")]
+
+
+@pytest.mark.parametrize(("old", "new"), OLD)
+def test_an_old_name_in_a_file_is_read_and_noted(
+    old: str, new: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line, with the file, the key and today's name."""
+    file = tmp_path / "config.yaml"
+    file.write_text(f"panels: {{side_m: 0.16}}\ndecode: {{method: {old}}}\n")
+    assert load_config(file).decode.method == new
+    assert capsys.readouterr().err == f"ledpi: {file}: decode.method: {old} is now called {new}\n"
+
+
+@pytest.mark.parametrize(("old", "new"), OLD)
+def test_an_old_name_on_the_command_line_is_read_and_noted(
+    old: str, new: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As --set has it, and --method, which is the same."""
+    assert load_config(None, ("panels.side_m=0.16", f"decode.method={old}")).decode.method == new
+    assert capsys.readouterr().err == f"ledpi: configuration: decode.method: {old} is now called {new}\n"
+
+
+@pytest.mark.parametrize("name", ["likelihood", "uemura"])
+def test_todays_names_are_not_noted(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is printed."""
+    assert load_config(None, ("panels.side_m=0.16", f"decode.method={name}")).decode.method == name
+    assert capsys.readouterr().err == ""

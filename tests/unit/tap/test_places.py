@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from ledpi.core.errors import ConfigError
-from ledpi.tap import listening
-from ledpi.tap.listening import Listening
+from ledpi.tap import crowd
+from ledpi.tap.crowd import Listening
 from ledpi.tap.places import SERVICE, to_look, to_serve
 from tests.builders import ROOT
 from tests.builders.tap import Raw, tap_at
@@ -137,7 +137,7 @@ def test_a_folder_without_permission_is_said(tmp_path: Path) -> None:
     """As any user who is not root meets it."""
     path = tmp_path / "tap.sock"
     script = (
-        "import os; from pathlib import Path; from ledpi.tap.listening import Listening; os.setuid(65534); "
+        "import os; from pathlib import Path; from ledpi.tap.crowd import Listening; os.setuid(65534); "
         f"Listening(Path({str(path)!r}))"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
@@ -150,7 +150,7 @@ def test_the_group_may_use_it_whatever_the_umask(
 ) -> None:
     """Lets the daemon's group in where that is `ledpi`, as in the service; by hand it is its user's alone."""
     gid = None if group is None else os.getegid() + (group == "another")
-    monkeypatch.setattr(listening, "_gid", lambda name: gid)
+    monkeypatch.setattr(crowd, "_gid", lambda name: gid)
     before = os.umask(0o077)
     try:
         listens = Listening(tmp_path / "tap.sock")

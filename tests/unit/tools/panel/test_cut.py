@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.cut import back_dxf, front_dxf, walls_dxf, walls_stl
+from ledpi.tools.panel.body import Body, back_dxf, front_dxf, walls_dxf, walls_stl
 
 
 def body(side_mm: float = 160.0, leds: int = 3) -> Body:
