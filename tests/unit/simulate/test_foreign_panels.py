@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Floats
-from ledpi.simulate.cells import cell_lights
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Floor, Panel, PanelAppearance, Scene
+from ledpi.simulate.surface import cell_lights
 from ledpi.simulate.trajectory import Still, facing_camera
 from tests.builders.simulate import DARK, FLAT, PINHOLE, panel, sensor, single_class_panel, standing
 
