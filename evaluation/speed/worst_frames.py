@@ -47,8 +47,8 @@ from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Singles
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.daemon import TICK_S
-from ledpi.runtime.pacing import Pacing
-from ledpi.runtime.watchdog import FEEDS
+from ledpi.runtime.liveness import Pacing
+from ledpi.runtime.reporting import FEEDS
 from ledpi.simulate.scenes import ov5647_lens
 
 # The OV5647's: rows, and the least rows of a frame (hts 1852 at 55 MHz, 1896 at 87.5 MHz; `vts` less its blanking).

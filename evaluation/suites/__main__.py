@@ -23,7 +23,7 @@ from evaluation.suites.workers import run_on_cluster, run_on_processes
 from ledpi.cli import main, progress
 from ledpi.cli.evaluate import SIDE, method_option, panel_options
 from ledpi.cli.simulate import TransferName
-from ledpi.config.renamed import METHODS
+from ledpi.config.overrides import METHODS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum

@@ -11,8 +11,7 @@ from ledpi.cli import CONFIG, SET, app
 from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import LedpiError
 from ledpi.tools.doctor.checks import configuration, examine
-from ledpi.tools.doctor.finding import Finding, bad
-from ledpi.tools.doctor.page import show
+from ledpi.tools.doctor.finding import Finding, bad, show
 
 
 @app.command()

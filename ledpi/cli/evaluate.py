@@ -11,8 +11,8 @@ import typer
 
 from ledpi.cli import SET, app, progress
 from ledpi.config.camera_yaml import lens_of
+from ledpi.config.overrides import METHODS, current_name
 from ledpi.config.panels import PanelSettings
-from ledpi.config.renamed import METHODS, current_name
 from ledpi.config.settings import Config, check_method, load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum

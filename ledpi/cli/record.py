@@ -20,7 +20,7 @@ from ledpi.core.wording import counted
 from ledpi.pipeline.of_config import pipeline_of
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.recorder import FrameWriter, Recorded, Recorder
-from ledpi.runtime.take_writer import TakeWriter
+from ledpi.runtime.takes import TakeWriter
 
 TICK_S = 0.1
 

@@ -57,7 +57,7 @@ class PanelAppearance:
 
 
 class Wave(Protocol):
-    """How a light goes on and off."""
+    """A light that goes on and off."""
 
     @property
     def on_mains(self) -> bool:

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import yaml
 
-from ledpi.config.documentation import documented
 from ledpi.config.panels import PanelOverride
 from ledpi.config.settings import Config, load_config
+from ledpi.config.shipped import documented
 from ledpi.core.errors import ConfigError
 from ledpi.core.shutter import contrast
 from ledpi.markers.dictionaries import load_dictionary

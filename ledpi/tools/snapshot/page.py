@@ -14,17 +14,22 @@ from ledpi.diagnosis.drawing import (
     BACKGROUND,
     BLACK_CLASS,
     DIM,
+    DIMMED,
     DROPPED,
     FAINT,
     WHITE_CLASS,
     Canvas,
     Colour,
+    Placed,
     ascii_of,
+    box_of,
+    draw_label,
+    draw_markers,
     outline,
+    scaled,
     text,
     text_size,
 )
-from ledpi.diagnosis.drawn_markers import DIMMED, Placed, box_of, draw_label, draw_markers, scaled
 from ledpi.diagnosis.why_not import Why
 from ledpi.tools.snapshot import enlarged
 from ledpi.tools.snapshot.record import Snapshot

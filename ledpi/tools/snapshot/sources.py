@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.camera.base import Camera, GainFollower
-from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError, TapError
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, Rejected
 from ledpi.diagnosis.why_not import RUN_FRAMES
+from ledpi.pipeline.of_config import load_robot
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.tap.client import Client, connect
 from ledpi.tap.frames import camera_of, frame_of

@@ -1,17 +1,26 @@
-"""The ring of the last seconds: what it keeps, what it forgets, and that it waits for nobody."""
+"""Frames that are kept, the last seconds and those that wait to be recorded: the decoder waits for nobody."""
 
 from __future__ import annotations
 
 import math
+import time
 import tracemalloc
 from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 
-from ledpi.pipeline.pipeline import Pipeline
-from ledpi.runtime.frame_buffers import KeptFrame
-from ledpi.runtime.rewind_ring import MIN_FRAMES, SPARE, RewindRing
+from ledpi.runtime.kept_frames import (
+    MAX_BYTES,
+    MAX_FRAMES,
+    MIN_FRAMES,
+    MIN_QUEUED,
+    SPARE,
+    FrameBuffers,
+    KeptFrame,
+    RecordQueue,
+    RewindRing,
+)
 from tests.builders.rewind import DRIVE, HEIGHT, PERIOD_NS, WIDTH, Stream, later, nothing_in, numbered, stream
 
 PLENTY = 400 * HEIGHT * WIDTH
@@ -26,7 +35,7 @@ def ring_of(seconds: float, most_bytes: int = PLENTY) -> RewindRing:
     return RewindRing(HEIGHT, WIDTH, PERIOD_NS * 1e-6, seconds, most_bytes)
 
 
-def keep(ring: RewindRing, *seqs: int) -> None:
+def keep(ring: FrameBuffers, *seqs: int) -> None:
     for seq in seqs:
         of = numbered(seq)
         ring.keep(of, nothing_in(of), 1000 + seq)
@@ -153,10 +162,9 @@ def test_too_little_memory_keeps_nothing() -> None:
     assert ring.take() == []
 
 
-def test_memory_is_taken_before_a_frame_needs_it() -> None:
-    """Every room was written once when all were touched, beside frames that come meanwhile and stay as they are."""
+def test_rooms_are_touched_beside_frames_that_come() -> None:
+    """So that memory is there before a frame needs it; what is kept stays as it is."""
     ring = ring_of(1.0)
-    ring._pictures[:] = 77
     for number in range(ring.frames):
         ring.touch()
         if number % 4 == 0:
@@ -164,32 +172,101 @@ def test_memory_is_taken_before_a_frame_needs_it() -> None:
     kept = ring.take()
     assert seqs(kept) == list(range(math.ceil(ring.frames / 4)))
     assert all((ring.picture_of(each).pixels == each.frame.seq).all() for each in kept)
-    untouched = [slot for slot in ring._free if (ring._pictures[slot] == 77).all()]
-    assert untouched == []
 
 
-def test_no_frame_asks_for_memory() -> None:
-    """Once it is full, rooms are used again: no frame takes as much as a tenth of a picture, not even for a moment."""
-    ring = ring_of(0.5)
-    keep(ring, *range(200))
-    coming = [(of, nothing_in(of)) for of in map(numbered, range(200, 300))]
-    tracemalloc.start()
-    try:
-        before = tracemalloc.get_traced_memory()[0]
-        for of, result in coming:
-            ring.keep(of, result, 0)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak - before < HEIGHT * WIDTH / 10
+# ---- Frames that wait to be recorded
+
+
+def rest(queue: RecordQueue) -> list[int]:
+    """Returns what is in it, once it is closed; each has its own picture and budget."""
+    queue.close()
+    seqs = []
+    while (kept := queue.next(0.0)) is not None:
+        assert (queue.picture_of(kept).pixels == kept.frame.seq % 256).all()
+        assert kept.search_budget == 1000 + kept.frame.seq
+        seqs.append(kept.frame.seq)
+    return seqs
+
+
+def test_it_gives_what_comes_in_order() -> None:
+    """From the first frame on."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, 5, 6, 7)
+    first = queue.next(time.monotonic() + 60)
+    assert first is not None
+    assert first.frame.seq == 5
+    assert rest(queue) == [6, 7]
+
+
+def test_what_finds_no_room_is_dropped_and_counted() -> None:
+    """The newest go, so what waits has no gap; with room again there is one, in order."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, *range(MAX_FRAMES + 10))
+    assert queue.dropped == 10
+    oldest = queue.next(time.monotonic() + 60)
+    assert oldest is not None
+    queue.give_back(oldest)
+    keep(queue, 200)
+    assert rest(queue) == [*range(1, MAX_FRAMES), 200]
+    assert queue.dropped == 10
+
+
+def test_after_the_end_nothing_is_taken() -> None:
+    """Nor counted: it is no part of the recording."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, *range(10))
+    queue.close()
+    keep(queue, *range(10, 20))
+    assert rest(queue) == list(range(10))
+    assert queue.dropped == 0
+
+
+def test_time_ends_it_also_while_frames_wait() -> None:
+    """One that is never empty would never end; what waits is still taken."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, *range(10))
+    assert queue.next(time.monotonic() - 1.0) is not None
+    keep(queue, *range(10, 20))
+    assert rest(queue) == list(range(1, 10))
+
+
+def test_time_that_runs_backward_ends_it() -> None:
+    """A camera that was opened anew may count anew; no recording holds both."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, *range(100, 110), *range(20))
+    assert rest(queue) == list(range(100, 110))
+
+
+def test_what_is_abandoned_is_counted() -> None:
+    """The daemon ends, and has no time for it."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, *range(10))
+    assert queue.next(time.monotonic() + 60) is not None
+    queue.abandon()
+    assert queue.dropped == 9
+
+
+def test_memory_is_bounded_and_there_before_the_first_frame() -> None:
+    """Fewer of large pictures wait; no frame asks for as much as a tenth of a picture, with room or without."""
+    assert RecordQueue(2000, 3000).frames == MIN_QUEUED
+    assert RecordQueue(1232, 1640).frames * 1232 * 1640 <= MAX_BYTES
+    for kept in (RecordQueue(HEIGHT, WIDTH), ring_of(0.5)):
+        coming = [(of, nothing_in(of)) for of in map(numbered, range(2 * MAX_FRAMES))]
+        tracemalloc.start()
+        try:
+            before = tracemalloc.get_traced_memory()[0]
+            for of, result in coming:
+                kept.keep(of, result, 0)
+            peak = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+        assert peak - before < HEIGHT * WIDTH / 10
 
 
 def test_keeping_costs_little_beside_decoding(drive: Stream) -> None:
-    """Measured against decoding the same frames, in the same run: less than a twentieth."""
-    import time
-
-    pipeline: Pipeline = drive.pipeline()
-    ring = RewindRing(*DRIVE, PERIOD_NS * 1e-6, 0.5, PLENTY)
+    """Measured against decoding the same frames, in the same run: less than a twentieth, in each of both."""
+    pipeline = drive.pipeline()
+    both = RewindRing(*DRIVE, PERIOD_NS * 1e-6, 0.5, PLENTY), RecordQueue(*DRIVE)
     keeping, decoding = [], []
     for round_number in range(2):
         for each in drive.frames:
@@ -197,7 +274,8 @@ def test_keeping_costs_little_beside_decoding(drive: Stream) -> None:
             began = time.perf_counter()
             result = pipeline.decode(of)
             between = time.perf_counter()
-            ring.keep(of, result, 0)
-            keeping.append(time.perf_counter() - between)
+            for kept in both:
+                kept.keep(of, result, 0)
+            keeping.append((time.perf_counter() - between) / 2)
             decoding.append(between - began)
     assert sorted(keeping)[len(keeping) // 2] < sorted(decoding)[len(decoding) // 2] / 20

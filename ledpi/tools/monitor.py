@@ -14,8 +14,7 @@ from rich.text import Text
 
 from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.wording import one_line
-from ledpi.diagnosis.no_fix import why_no_fix
-from ledpi.diagnosis.reasons import explained
+from ledpi.diagnosis.reasons import explained, why_no_fix
 from ledpi.tools.doctor.running import checks
 
 if TYPE_CHECKING:

@@ -4,34 +4,33 @@ from __future__ import annotations
 
 import json
 import subprocess
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from ledpi.cli.decode import OLD_STATE_FILE
-from ledpi.core.errors import RecordingError
-from ledpi.core.records import PanelSpec
-from ledpi.runtime import takes
-from ledpi.runtime.rewind_ring import RewindRing
-from ledpi.runtime.rewind_writer import MAX_WAITING, RewindWriter
-from ledpi.runtime.take_writer import LIVE_FILE
-from ledpi.runtime.takes import MAX_AUTOMATIC, Shown
+from ledpi.config.settings import RewindSettings
+from ledpi.core.errors import DiskFullError, RecordingError
+from ledpi.runtime import rewind, takes
+from ledpi.runtime.rewind import OWN_BYTES, Rewind, default_budget_bytes, limit_bytes
+from ledpi.runtime.takes import LIVE_FILE, MAX_AUTOMATIC, MAX_WAITING, TakeWriter
 from tests.builders.command import ledpi
 from tests.builders.rewind import (
-    DRIVE,
     Stream,
     as_lines,
     decoded_live,
     differences_once_settled,
+    later,
     stream,
     without_times,
 )
 from tests.builders.waiting import limit_s
 
-SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 COUNT = 16
 
 
@@ -40,30 +39,20 @@ def drive() -> Stream:
     return stream(COUNT)
 
 
-def ring_with(drive: Stream, first: int = 0, budgets: Sequence[int] = ()) -> RewindRing:
-    """All from the frame `first` on; with budgets, where each frame had one of its own."""
-    ring = RewindRing(*DRIVE, 35.0, 10.0, 300_000_000)
+def rewind_of(drive: Stream, folder: Path, first: int = 0, budgets: Sequence[int] = ()) -> Rewind:
+    """One that keeps all from the frame `first` on; with budgets, where each frame had one of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STATE_DIRECTORY", str(folder))
+        made = Rewind(RewindSettings(seconds=10.0, memory_mb=100.0), drive.shown, 35.0)
     frames, live = drive.frames[first:], drive.live[first:]
     for frame, result, budget in zip(frames, live, budgets or [150_000] * len(frames), strict=True):
-        ring.keep(frame, result, budget)
-    return ring
-
-
-def writer_of(ring: RewindRing, folder: Path, drive: Stream) -> RewindWriter:
-    shown = Shown(camera=drive.camera, dictionary="DICT_4X4_50", panel=SPEC, source="simulated")
-    writer = RewindWriter(ring, folder, shown)
-    writer.start()
-    return writer
+        made.keep(frame, result, budget)
+    return made
 
 
 def saved(drive: Stream, folder: Path, first: int = 0, budgets: Sequence[int] = ()) -> Path:
     """A recording of the stream from the frame `first` on."""
-    ring = ring_with(drive, first, budgets)
-    writer = writer_of(ring, folder, drive)
-    try:
-        return writer.write("asked", ring.take()).result(limit_s())
-    finally:
-        writer.close()
+    return rewind_of(drive, folder, first, budgets).save().result(limit_s())
 
 
 def decode(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -147,38 +136,31 @@ def test_a_driver_that_misreports_its_rows_is_seen_through_as_it_was_live(tmp_pa
 @pytest.mark.slow
 def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The daemon ends meanwhile: the name says that it is a part, and that part decodes as it did live."""
-    ring = ring_with(drive)
-    writer = writer_of(ring, tmp_path, drive)
-    give_back, given = ring.give_back, []
+    made, write, written = rewind_of(drive, tmp_path), TakeWriter.write_kept, []
 
-    def count(kept: object) -> None:
-        given.append(kept)
-        if len(given) == 12:
-            writer._stop.set()
+    def count(*arguments: Any) -> None:
+        write(*arguments)
+        written.append(arguments)
+        if len(written) == 12:
+            made.stop()
 
-    monkeypatch.setattr(ring, "give_back", lambda kept: (count(kept), give_back(kept)))
+    monkeypatch.setattr(TakeWriter, "write_kept", count)
     with pytest.raises(
-        RecordingError, match=r"the daemon ends, and 4 frames more are not written; 12 frames are in .*\.part"
+        RecordingError, match=r"^rewind: the daemon ends, and 4 frames more are not written; 12 frames are in .*\.part"
     ):
-        writer.write("asked", ring.take()).result(limit_s())
-    writer.close()
+        made.save().result(limit_s())
     (part,) = tmp_path.glob("2*")
     assert part.name.endswith("-asked.part")
     assert lines_of(decode("--as-live", part).stdout) == as_lines(drive.live[:12])
-    assert len(given) == COUNT  # every room is free again
 
 
 def test_a_disk_that_is_too_full_is_reported(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is written, as a disk that ledpi has filled stops more than ledpi; the rooms are free again."""
     monkeypatch.setattr(takes, "MIN_FREE_BYTES", 10**18)
-    ring = ring_with(drive)
-    before = ring.room
-    writer = writer_of(ring, tmp_path / "takes", drive)
-    with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed"):
-        writer.write("asked", ring.take()).result(limit_s())
-    writer.close()
+    made = rewind_of(drive, tmp_path / "takes")
+    with pytest.raises(DiskFullError, match=r"^rewind: .*the disk has \d+ MB left; \d+ MB are needed"):
+        made.save().result(limit_s())
     assert list((tmp_path / "takes").iterdir()) == []
-    assert ring.room == before + COUNT
 
 
 def test_those_that_nobody_asked_for_do_not_pile_up(drive: Stream, tmp_path: Path) -> None:
@@ -187,33 +169,74 @@ def test_those_that_nobody_asked_for_do_not_pile_up(drive: Stream, tmp_path: Pat
     kept = ["20250101T000000Z-asked", "20250101T000000Z-camera_lost-mine", "notes"]
     for name in (*old, *kept, "20260101T000000Z-contradicted-2.part"):
         (tmp_path / name).mkdir()
-    ring = ring_with(drive)
-    writer = writer_of(ring, tmp_path, drive)
-    path = writer.write("camera_lost", ring.take()).result(limit_s())
-    writer.close()
+    path = rewind_of(drive, tmp_path).save("camera_lost").result(limit_s())
     assert {p.name for p in tmp_path.iterdir() if p.is_dir()} == {*old[-MAX_AUTOMATIC + 1 :], *kept, path.name}
 
 
-def test_two_in_one_second_have_names_of_their_own(drive: Stream, tmp_path: Path) -> None:
-    """Neither is written over the other."""
-    ring = ring_with(drive)
-    writer = writer_of(ring, tmp_path, drive)
-    kept = ring.take()
-    half = len(kept) // 2
-    paths = {writer.write("asked", part).result(limit_s()) for part in (kept[:half], kept[half:])}
-    writer.close()
-    assert set(tmp_path.glob("2*")) == paths
-    assert len(paths) == 2
-
-
-def test_more_than_it_can_write_is_refused(drive: Stream, tmp_path: Path) -> None:
-    """Each waits with its pictures' rooms; so only some may, and the rooms of what is refused are free again."""
-    ring = ring_with(drive)
-    shown = Shown(camera=drive.camera, dictionary="DICT_4X4_50", panel=SPEC, source="simulated")
-    writer = RewindWriter(ring, tmp_path, shown)  # it is not started, and writes nothing
-    for _ in range(MAX_WAITING):
-        writer.write("asked", [])
-    kept, before = ring.take(), ring.room
+def test_more_than_it_can_write_is_refused(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each waits with its pictures' rooms, so only some may. All that were taken have names of their own."""
+    goes_on, write = threading.Event(), TakeWriter.write_kept
+    monkeypatch.setattr(TakeWriter, "write_kept", lambda *values: (goes_on.wait(limit_s()), write(*values)))
+    made, futures = rewind_of(drive, tmp_path), []
+    for number in range(1, MAX_WAITING + 2):
+        futures.append(made.save())
+        made.keep(later(drive.frames[0], number * 10**12, number * 1000), drive.live[0], 1)
     with pytest.raises(RecordingError, match="others are still being written"):
-        writer.write("asked", kept)
-    assert ring.room == before + len(kept)
+        made.save()
+    goes_on.set()
+    assert len({future.result(limit_s()) for future in futures}) == MAX_WAITING + 1
+
+
+# ---- Memory
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    """A service's cgroup, as /proc/self/cgroup and /sys/fs/cgroup show it; limited by nothing."""
+    group = tmp_path / "groups" / "system.slice" / "ledpi.service"
+    group.mkdir(parents=True)
+    (group / "memory.max").write_text("max\n")
+    (group.parent / "memory.max").write_text("max\n")
+    (tmp_path / "own").write_text("0::/system.slice/ledpi.service\n")
+    return tmp_path / "own"
+
+
+def limit(own: Path) -> int | None:
+    return limit_bytes(own, own.parent / "groups")
+
+
+def test_nothing_limits_a_service_without_a_limit(own: Path) -> None:
+    """`max` is none."""
+    assert limit(own) is None
+
+
+def test_the_service_s_own_limit_counts(own: Path) -> None:
+    """MemoryMax=510M, as the kernel has it."""
+    (own.parent / "groups/system.slice/ledpi.service/memory.max").write_text(f"{510 << 20}\n")
+    assert limit(own) == 510 << 20
+
+
+def test_so_does_that_of_what_it_is_in(own: Path) -> None:
+    """The smallest of them holds."""
+    (own.parent / "groups/system.slice/ledpi.service/memory.max").write_text("900000000\n")
+    (own.parent / "groups/system.slice/memory.max").write_text("600000000\n")
+    assert limit(own) == 600_000_000
+
+
+def test_other_systems_have_no_limit_that_is_known(tmp_path: Path) -> None:
+    """Without /proc, or with cgroups of the first version."""
+    assert limit_bytes(tmp_path / "nothing", tmp_path) is None
+    (tmp_path / "own").write_text("9:memory:/here\n")
+    assert limit_bytes(tmp_path / "own", tmp_path) is None
+
+
+def test_the_budget_is_an_eighth_and_never_what_the_work_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Takes an eighth of the machine's; what a limit leaves beside the daemon's own work; nothing where that is nil."""
+    monkeypatch.setattr(rewind, "limit_bytes", lambda: None)
+    eighth = default_budget_bytes()
+    total_kb = int(Path("/proc/meminfo").read_text().split()[1])
+    assert eighth == pytest.approx(total_kb * 1024 / 8, rel=0.01)
+    monkeypatch.setattr(rewind, "limit_bytes", lambda: OWN_BYTES + 5_000_000)
+    assert default_budget_bytes() == min(eighth, 5_000_000)
+    monkeypatch.setattr(rewind, "limit_bytes", lambda: 100_000_000)
+    assert default_budget_bytes() == 0
