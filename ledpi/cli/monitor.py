@@ -18,6 +18,7 @@ from rich.live import Live as Screen
 from ledpi.cli import app
 from ledpi.core.errors import TapError, WireError
 from ledpi.core.wording import counted
+from ledpi.diagnosis.reasons import why_no_fix
 from ledpi.diagnosis.why_not import WhyNot
 from ledpi.tap.client import Client, connect
 from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_of
@@ -148,8 +149,6 @@ def _deviation_text(deviations: tuple[float, float, float] | None) -> str:
 
 
 def _status_text(m: StatusMessage) -> str:
-    from ledpi.diagnosis.reasons import why_no_fix
-
     fix = "fix" if m.no_fix == 0 else f"no fix: {why_no_fix(m.no_fix.name)}"
 
     def known(value: int | None, text: str = "{}") -> str:
