@@ -25,8 +25,9 @@ TOO_SMALL = Rejected(stage="fit", reason="too_small")
 NO_LIGHT = Rejected(stage="fit", reason="no_light")
 
 # Of a cell that is looked at for bands: one is averaged down to this, or up to twice as much, so that its samples are
-# about as far apart as pixels are. But over no more rows than half a wave: a mean over that leaves 2/π of it.
-FEWEST_CELL_PX, MOST_CYCLES = 12.0, 0.5
+# about as far apart as pixels are. But over no more rows than a quarter of a wave: samples that are half a wave apart
+# do not tell its cosine from its sine.
+FEWEST_CELL_PX, MOST_CYCLES = 12.0, 0.25
 REACH = 0.1  # of the side: how far off a proposal may be
 # Of the light's squares: the first fit, from corners that are off, must explain more than it leaves; of what a panel's
 # fit leaves in the end the deviation is less than a third of the light's own.

@@ -23,8 +23,8 @@ from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import Fit, rank_codewords
-from ledpi.decode.identify.model_error import with_model_error
-from ledpi.decode.identify.plausibility import all_rows_blink, is_plausible
+from ledpi.decode.identify.model_error import as_noise, with_model_error
+from ledpi.decode.identify.plausibility import all_rows_blink, has_other_class, is_plausible
 
 NO_BANDS = Rejected(stage="identify", reason="no_bands")
 NO_CODEWORD = Rejected(stage="identify", reason="not_in_dictionary")
@@ -60,37 +60,36 @@ def odds_needed(false_id_rate: float) -> float:
     return 0.5 * NormalDist().inv_cdf(false_id_rate) ** 2
 
 
-class Weighed(NamedTuple):
-    """The codewords under some evidence, the model's error counted in."""
-
-    evidence: Evidence
-    fit: Fit
-    explained: float  # natural-log likelihood ratio of the best codeword to "no bands", by noise alone
-
-
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
-    """The codeword that the evidence supports, if it beats all alternatives; or the reason why there is none."""
+    """The codeword that the evidence supports, if it beats all alternatives; or the reason why there is none.
+
+    It must do so whether what it leaves beyond noise is noise, or an error of the model in single cells: cells that
+    speak against it lose weight by the one, cells that are as large in light as they are wrong by the other.
+    """
+    needed = odds_needed(false_id_rate)
     fit = rank_codewords(evidence, codebook.white)
-    return judge(weigh(fit, evidence, codebook, false_id_rate), codebook, false_id_rate)
-
-
-def weigh(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Weighed | Rejected:
-    """The codewords under evidence whose model has an error, as large as `fit` says; none where there is no panel."""
-    if fit.likelihood[0] < odds_needed(false_id_rate):
+    if fit.likelihood[0] < needed:
         return NO_BANDS
     if not fit.is_finite:
         return UNFIT
-    known = with_model_error(evidence, fit, codebook.white[fit.codewords[0]])
-    again = fit if known is evidence else rank_codewords(known, codebook.white)
-    return Weighed(evidence=known, fit=again, explained=fit.likelihood[0]) if again.is_finite else UNFIT
+    reading = _judge(as_noise(evidence, fit), codebook, needed)
+    if isinstance(reading, Reading):
+        by_cells = _judge(with_model_error(evidence, fit, codebook.white[fit.codewords[0]]), codebook, needed)
+        reading = (
+            by_cells
+            if isinstance(by_cells, Rejected)
+            else reading._replace(margin=min(reading.margin, by_cells.margin))
+        )
+    if isinstance(reading, Reading) and has_other_class(evidence, fit, needed):
+        return INCONSISTENT
+    return reading if isinstance(reading, Rejected) else reading._replace(likelihood=fit.likelihood[0])
 
 
-def judge(weighed: Weighed | Rejected, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
-    """The best codeword, if it beats all alternatives."""
-    if isinstance(weighed, Rejected):
-        return weighed
-    evidence, fit, explained = weighed
-    needed = odds_needed(false_id_rate)
+def _judge(evidence: Evidence, codebook: Codebook, needed: float) -> Reading | Rejected:
+    """The best codeword of evidence in which errors are counted, if it beats all alternatives."""
+    fit = rank_codewords(evidence, codebook.white)
+    if not fit.is_finite:
+        return UNFIT
     best, none = fit.codewords[0], fit.likelihood[0]
     amplitude = [math.hypot(*wave) for wave in fit.bands.reshape(-1, 2).tolist()]
     deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
@@ -108,7 +107,7 @@ def judge(weighed: Weighed | Rejected, codebook: Codebook, false_id_rate: float)
         id=int(codebook.ids[best]),
         quarter_turns=int(codebook.quarter_turns[best]),
         margin=min(none, other, outside),
-        likelihood=explained,
+        likelihood=none,
         amplitude=(amplitude[0], amplitude[-1]),
         cell_bands=fit.cell_bands,
     )

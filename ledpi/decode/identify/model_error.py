@@ -25,17 +25,22 @@ MODEL_VARIANCE = 1.0 / 16.0
 LEAST_INFORMATION, LEAST_SQUARE = 1e-9, 1e-12  # of a band: less is none, and nothing is divided by it
 
 
+def as_noise(evidence: Evidence, fit: Fit) -> Evidence:
+    """The evidence where all that a codeword leaves beyond noise is noise; `fit` is of both, the codeword its best."""
+    inflation = _misfit(evidence, fit) / _allowed_misfit(evidence, fit)
+    return evidence.divided(inflation) if inflation > 1.0 else evidence
+
+
 def with_model_error(evidence: Evidence, fit: Fit, codeword: Singles) -> Evidence:
     """The evidence with the errors of cells that show a codeword (cells,); `fit` is of both, the codeword its best.
 
     A misfit that remains in all cells together is of no one cell, and counts as noise.
     """
     share = _share_of_error(evidence, fit)
-    if share.any():
-        evidence = _with_variance(evidence, (share[:, None] * _mean_square(fit)).reshape(-1))
-        fit = rank_codewords(evidence, codeword[None])
-    inflation = _misfit(evidence, fit) / _allowed_misfit(evidence, fit)
-    return evidence.divided(inflation) if inflation > 1.0 else evidence
+    if not share.any():
+        return as_noise(evidence, fit)
+    known = _with_variance(evidence, (share[:, None] * _mean_square(fit)).reshape(-1))
+    return as_noise(known, rank_codewords(known, codeword[None]))
 
 
 def _share_of_error(evidence: Evidence, fit: Fit) -> Floats:

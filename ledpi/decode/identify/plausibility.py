@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ledpi.decode.evidence.classes import flip_classes
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codewords import Fit
 
@@ -28,6 +29,18 @@ def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evide
     if max(least) > MAX_DEPTH or min(most) < MIN_DEPTH:
         return False
     return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
+
+
+def has_other_class(evidence: Evidence, fit: Fit, needed: float) -> bool:
+    """Tells whether a cell surely shows the class that the codeword does not say, over its own and over no bands.
+
+    What a dictionary corrects are cells in doubt: hidden, dark, blurred. None of these blinks at the other frequency; a
+    part of another panel does.
+    """
+    other, own = flip_classes(fit.cell_bands), evidence.own_information
+    of_cell = evidence.unexplained(fit.cell_bands) + np.einsum("cij,cj->ci", own, fit.cell_bands)
+    over_none = (other * (of_cell - 0.5 * np.einsum("cij,cj->ci", own, other))).sum(axis=1)
+    return bool((np.minimum(over_none, fit.gain) > needed).any())
 
 
 def all_rows_blink(fit: Fit) -> bool:

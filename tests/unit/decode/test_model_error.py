@@ -9,7 +9,7 @@ from ledpi.core.records import Floats, Rejected, Singles
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
-from ledpi.decode.identify.decision import FALSE_ID_RATE, Reading, decide
+from ledpi.decode.identify.decision import FALSE_ID_RATE, INCONSISTENT, Reading, decide
 from ledpi.decode.identify.model_error import with_model_error
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import SPEC
@@ -77,3 +77,12 @@ def test_light_does_not_make_a_codeword_of_a_pattern_two_cells_off(information: 
     shown[:2] = 0.55 * shown[:2] + 0.45 * shown_by(near)[:2]
     assert isinstance(decide(evidence_of(shown, information), BOOK, FALSE_ID_RATE), Rejected)
     assert isinstance(decide(evidence_of(shown_by(BOOK.white[0]), information), BOOK, FALSE_ID_RATE), Reading)
+
+
+def test_a_cell_in_doubt_is_corrected_and_one_of_the_other_class_is_none() -> None:
+    """A cell without bands is hidden or dark; one that blinks at the other frequency belongs to another pattern."""
+    hidden, other = shown_by(BOOK.white[0]), shown_by(BOOK.white[0])
+    hidden[5] = 0.0
+    other[5] = other[5, [2, 3, 0, 1]]
+    assert isinstance(decide(evidence_of(hidden, 6000.0), BOOK, FALSE_ID_RATE), Reading)
+    assert decide(evidence_of(other, 6000.0), BOOK, FALSE_ID_RATE) == INCONSISTENT
