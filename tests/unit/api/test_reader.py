@@ -307,7 +307,7 @@ def test_two_threads_at_once_are_refused(near: Pixels, of: str, monkeypatch: pyt
         refused.append(of)
         return checked_picture(image)
 
-    monkeypatch.setattr(f"ledpi.api.{of}.checked_picture", meanwhile)
+    monkeypatch.setattr("ledpi.api.reader.checked_picture", meanwhile)
     assert [marker.id for marker in read[of]()] == [7]
     assert refused == [of]
 
