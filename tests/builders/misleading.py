@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from evaluation.simulated import BuiltAppearance
 from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.records import Floats, MarkerPose, Pose
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Light, Panel, PanelAppearance, Room, Scene, SimulatedSensor, SquareWave, uneven_gains
+from ledpi.simulate.scene import Light, Panel, Room, Scene, SimulatedSensor, SquareWave, uneven_gains
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera, rotation
@@ -41,7 +42,7 @@ def any_panel(rng: np.random.Generator, near_m: float, far_m: float) -> Panel:
         marker_id=marker_id,
         brightness=rng.uniform(0.25, 0.6),
         cell_gains=uneven_gains(rng, 4, 0.05),
-        appearance=PanelAppearance(
+        appearance=BuiltAppearance(
             gap=rng.uniform(0.03, 0.12),
             falloff=rng.uniform(0.05, 0.35),
             hot_spot=rng.uniform(0.1, 0.4),
