@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ledpi.api.picture import checked_picture
 
 import ledpi
 import ledpi.api.lens
