@@ -44,6 +44,7 @@ class State:
     speed_m_s: float
     turn_rad_s: float
     panel_ns: int  # when a panel was last used
+    way_m: float  # driven since
     panels: int  # that are followed in the state
     contested: bool  # another pose is possible
     moved: tuple[int, ...]  # panels that hang elsewhere than the map says
@@ -154,6 +155,7 @@ class Estimator:
             speed_m_s=float(own.x[SPEED]),
             turn_rad_s=float(own.x[TURN]),
             panel_ns=judge.used_ns,
+            way_m=judge.way_m,
             panels=len(own.slots),
             contested=judge.rival is not None,
             moved=tuple(sorted(judge.moved)),

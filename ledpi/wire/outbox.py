@@ -116,7 +116,7 @@ class Outbox:
 
     def latest_ns(self, message: Message, first_byte_ns: int) -> int | None:
         """By when a message's first byte must leave, so that its age is true and not too old; None: at any time."""
-        if isinstance(message, StatusMessage):
+        if not isinstance(message, MarkerMessage | FixMessage):
             return None
         return first_byte_ns + min(AGE_SLACK_NS, self._max_age_ns - 1000 * message.age_us)
 
