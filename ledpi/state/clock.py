@@ -35,7 +35,7 @@ class Trip:
 
 
 class ControllerClock:
-    """How far the controller's clock is ahead of ours, in ns modulo its wrap."""
+    """Bounds of how far the controller's clock is ahead of ours."""
 
     def __init__(self) -> None:
         self._bounds: tuple[int, int] | None = None  # ns ahead, at `_at_ns`
