@@ -9,6 +9,7 @@ from ledpi.camera.base import Camera
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Floats
+from ledpi.wire.ear import Ear
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.publisher import Publisher
 from ledpi.wire.resets import Resets
@@ -33,7 +34,7 @@ NOTHING_LEFT = Left(camera=None, publisher=None)
 
 
 def publisher_of(
-    config: Config, base_link_from_camera: Floats, resets: Resets, left: Publisher | None = None
+    config: Config, base_link_from_camera: Floats, resets: Resets, ear: Ear | None, left: Publisher | None = None
 ) -> Publisher:
     """The one that was left, as this configuration has it, or a new one, not started.
 
@@ -48,6 +49,6 @@ def publisher_of(
             resets=resets,
         )
     if left is None:
-        return Publisher(config.serial, mavlink, map_resets=resets.maps)
-    left.begin_anew(config.serial, mavlink, map_resets=resets.maps)
+        return Publisher(config.serial, mavlink, map_resets=resets.maps, ear=ear)
+    left.begin_anew(config.serial, mavlink, map_resets=resets.maps, ear=ear)
     return left

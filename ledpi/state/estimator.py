@@ -45,6 +45,7 @@ class State:
     turn_rad_s: float
     panel_ns: int  # when a panel was last used
     way_m: float  # driven since
+    by_odometry: bool  # else none was heard of late, and it goes on as it moved
     panels: int  # that are followed in the state
     contested: bool  # another pose is possible
     moved: tuple[int, ...]  # panels that hang elsewhere than the map says
@@ -156,6 +157,7 @@ class Estimator:
             turn_rad_s=float(own.x[TURN]),
             panel_ns=judge.used_ns,
             way_m=judge.way_m,
+            by_odometry=head.last is not None and head.t_ns - head.last.t_ns <= SILENT_NS,
             panels=len(own.slots),
             contested=judge.rival is not None,
             moved=tuple(sorted(judge.moved)),

@@ -7,17 +7,23 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
+from ledpi.state.inputs import Odometry
+
 VERSION = 1
 MAX_REQUEST_BYTES = 4096  # of a line that a client sends, its end included
 MIN_SECONDS, MAX_SECONDS = 1.0, 600.0  # that `record` takes at once
 MAX_ID_LENGTH = 64
 
-Do = Literal["picture", "config", "save", "record", "record_stop", "takes", "take", "take_delete", "reload"]
+Do = Literal["picture", "config", "save", "record", "record_stop", "takes", "take", "take_delete", "reload", "odometry"]
 Extra = Literal["rejected", "evidence"]
 RequestId: TypeAlias = int | str | None
 # What changes or reads files, and is not permitted to everybody.
-COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop", "takes", "take", "take_delete", "reload")
-NAMED: tuple[Do, ...] = ("save", "record")  # in a hello: whoever may `record` may do the others
+COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop", "takes", "take", "take_delete", "reload", "odometry")
+AT_ONCE: tuple[Do, ...] = ("odometry",)  # what takes no time, and is answered only where it has an id
+NAMED: tuple[Do, ...] = ("save", "record", "odometry")  # in a hello: whoever may `record` may do the others
+
+TOTALS = ("left_m", "right_m", "yaw_rad")  # of odometry
+FLAGS = ("restarted", "lifted", "slipping")
 
 _KEYS: dict[Do, set[str]] = {
     "picture": {"with"},
@@ -29,6 +35,7 @@ _KEYS: dict[Do, set[str]] = {
     "take": {"name", "offset"},
     "take_delete": {"name"},
     "reload": set(),
+    "odometry": {"t_ns", *TOTALS, *FLAGS},
 }
 
 
@@ -50,6 +57,7 @@ class Request:
     seconds: float | None = None  # of `record`; None: as long as it may
     name: str | None = None  # of a take
     offset: int = 0  # in its tar file
+    odometry: Odometry | None = None
 
 
 def read_request(line: bytes) -> Request:
@@ -75,6 +83,7 @@ def read_request(line: bytes) -> Request:
         seconds=_seconds(values.get("seconds"), request_id),
         name=_name(values.get("name"), request_id),
         offset=_offset(values.get("offset", 0), request_id),
+        odometry=_odometry(values, request_id) if do == "odometry" else None,
     )
 
 
@@ -110,6 +119,24 @@ def _offset(value: object, request_id: RequestId) -> int:
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 53:
         return value
     raise RequestError("offset: must be a whole number from 0 on", request_id)
+
+
+def _odometry(values: dict[str, Any], request_id: RequestId) -> Odometry:
+    t_ns = values.get("t_ns")
+    if not isinstance(t_ns, int) or isinstance(t_ns, bool) or not 0 <= t_ns < 1 << 63:
+        raise RequestError("t_ns: must be a whole number, the time of CLOCK_MONOTONIC in ns", request_id)
+    for key in TOTALS:
+        value = values.get(key)
+        if value is not None and (
+            isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e9
+        ):
+            raise RequestError(f"{key}: must be a number of m or rad, or null", request_id)
+    if (values.get("left_m") is None) != (values.get("right_m") is None):
+        raise RequestError("left_m, right_m: must be two numbers, or none", request_id)
+    for key in FLAGS:
+        if not isinstance(values.get(key, False), bool):
+            raise RequestError(f"{key}: must be true or false", request_id)
+    return Odometry(**{key: values[key] for key in ("t_ns", *TOTALS, *FLAGS) if values.get(key) is not None})
 
 
 def error(text: str, request_id: RequestId = None, *, again: bool = False) -> dict[str, Any]:

@@ -123,7 +123,7 @@ class TimeAnswer:
         check_range("left_us", self.left_us, U32)
 
 
-def state_message(state: State | None, *, mode: Mode, clock_us: int | None, map_resets: int = 0) -> StateMessage:
+def state_message(state: State | None, *, clock_us: int | None, map_resets: int = 0) -> StateMessage:
     """The message of a state, or that there is none. Raises WireError for one that must not be sent."""
     resets = map_resets % 256
     if state is None:
@@ -139,7 +139,7 @@ def state_message(state: State | None, *, mode: Mode, clock_us: int | None, map_
         clock_us=clock_us,
         panel_age_ms=max(0, state.t_ns - state.panel_ns) // 1_000_000,
         way_m=state.way_m,
-        mode=mode,
+        mode=Mode.ODOMETRY if state.by_odometry else Mode.PANELS,
         contested=state.contested,
         panel_moved=bool(state.moved),
         map_resets=resets,
