@@ -246,7 +246,7 @@ class Daemon:
             path.search_budget = self._pacing.budget_after(path.spent - spent, sum(decoded.stage_ms.values()))
         self._gain.update(frame, decoded)
         if self._state is not None:
-            self._state.see(decoded)
+            decoded = self._state.see(decoded)
         self._observers.keep(frame, decoded, budget, trace)
         self._ring.release()
         self._health.add(decoded)

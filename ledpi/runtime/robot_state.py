@@ -22,11 +22,13 @@ from ledpi.state.belief import Event
 from ledpi.state.estimator import State
 from ledpi.state.inputs import Odometry
 from ledpi.wire.codec import FROM_CONTROLLER
-from ledpi.wire.keeper import Asked, Heard, Input, Keeper, Seen, Told
+from ledpi.wire.diary import Entry, Frame, Look, line_of, seen
+from ledpi.wire.keeper import Asked, Heard, Input, Keeper, Told
 from ledpi.wire.receiver import Receiver
 from ledpi.wire.resets import Resets
 from ledpi.wire.state_message import StateMessage, state_message
 
+MOST_LINES = 10_000  # of the diary that wait for a frame: a camera that is lost for a minute
 LOOK_S = 0.05  # inputs wait no longer
 DAMAGED = Rejected(stage="line", reason="damaged")
 NO_SENSE = Rejected(stage="line", reason="no_sense")
@@ -60,20 +62,24 @@ class RobotState:
         self._map_resets, self._tell, self._reject = map_resets, tell, reject
         self._period_ns = round(1e9 / config.state_hz)
         self._receiver = Receiver(FROM_CONTROLLER)
-        self._waiting: deque[Input] = deque()
+        self._waiting: deque[tuple[Input, Entry]] = deque()  # as it is taken, and as the diary has it
+        self._diary: deque[str] = deque(maxlen=MOST_LINES)
         self._noted: tuple[Event, ...] = ()
         self._ends = threading.Event()
 
-    def see(self, decoded: Decoded) -> None:
-        """Takes a whole frame, that was decoded just now."""
-        offset_ns = decoded.host_offset_ns
-        markers = tuple(replace(m, mid_exposure_ns=m.mid_exposure_ns + offset_ns) for m in decoded.markers)
-        if markers:
-            self._waiting.append(Seen(markers, time.monotonic_ns()))
+    def see(self, decoded: Decoded) -> Decoded:
+        """Takes a whole frame, that was decoded just now; returns it with what a recording keeps of the time before."""
+        if decoded.markers:
+            mark = Frame(decoded.seq, time.monotonic_ns(), decoded.host_offset_ns)
+            self._waiting.append((seen(decoded.markers, decoded.host_offset_ns, mark.now_ns), mark))
+        return replace(decoded, diary=tuple(self._diary.popleft() for _ in range(len(self._diary))))
 
     def tell_odometry(self, odometry: Odometry) -> None:
         """Takes that of a program."""
-        self._waiting.append(Told(odometry, time.monotonic_ns()))
+        self._put(Told(odometry, time.monotonic_ns()))
+
+    def _put(self, what: Heard | Asked | Told) -> None:
+        self._waiting.append((what, what))
 
     def opened(self) -> None:
         """The port is open, anew."""
@@ -81,13 +87,13 @@ class RobotState:
 
     def asked(self, number: int, first_byte_ns: int) -> None:
         """A question for the controller's clock has left."""
-        self._waiting.append(Asked(number, first_byte_ns))
+        self._put(Asked(number, first_byte_ns))
 
     def heard(self, data: bytes, now_ns: int) -> None:
         """Bytes of the controller have just come."""
         before = self._receiver.counters
         for message in self._receiver.feed(data):
-            self._waiting.append(Heard(message, now_ns))
+            self._put(Heard(message, now_ns))
         now = self._receiver.counters
         if now.bad != before.bad or now.skipped != before.skipped:
             for _ in range(sum(now.skipped.values()) - sum(before.skipped.values())):
@@ -101,7 +107,9 @@ class RobotState:
         due_ns = time.monotonic_ns()
         while not self._ends.is_set():
             while self._waiting:
-                for rejected in self._keeper.take(self._waiting.popleft()):
+                what, entry = self._waiting.popleft()
+                self._diary.append(line_of(entry))
+                for rejected in self._keeper.take(what):
                     self._reject(rejected)
             now_ns = time.monotonic_ns()
             if now_ns >= due_ns:
@@ -115,6 +123,7 @@ class RobotState:
 
     def _tell_at(self, now_ns: int) -> None:
         found = self._keeper.at(now_ns)
+        self._diary.append(line_of(Look(now_ns)))
         state = None if isinstance(found, Rejected) else found
         t_ns = now_ns if state is None else state.t_ns
         clock_us = self._keeper.clock_us(t_ns)

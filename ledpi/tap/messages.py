@@ -17,7 +17,7 @@ from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.each_cell import class_given_others, classes_unread
-from ledpi.pipeline.output import decoded_as_json
+from ledpi.pipeline.output import decoded_as_json, state_as_json
 from ledpi.pipeline.trace import SquareTrace, Trace
 from ledpi.pose.panel_map import PanelMap
 from ledpi.state.estimator import State
@@ -120,28 +120,8 @@ def decoded(shown: Shown) -> dict[str, Any]:
 
 def state(found: State | None, t_ns: int, message: StateMessage) -> dict[str, Any]:
     """The robot's state at a time; its numbers are null where there is none."""
-    pose = (None, None, None, None) if found is None else (
-        _rounded(found.pose[:2], 5),
-        round(float(found.pose[2]), 6),
-        [float(f"{v:.6g}") for v in found.covariance.flat],
-        [round(found.speed_m_s, 4), round(found.turn_rad_s, 4)],
-    )  # fmt: skip
-    keys = ("position_m", "yaw_rad", "covariance", "velocity")
-    return {
-        "type": "state",
-        "t_ns": t_ns,
-        "mode": message.mode.name.lower(),
-        **dict(zip(keys, pose, strict=True)),
-        "clock_us": message.clock_us,
-        "panel_ns": None if found is None else found.panel_ns,
-        "way_m": None if found is None else round(found.way_m, 4),
-        "panels": message.panels,
-        "contested": message.contested,
-        "moved": [] if found is None else list(found.moved),
-        "map_resets": message.map_resets,
-        "relocalisations": 0 if found is None else found.relocalisations,
-        "events": [] if found is None else [asdict(event) for event in found.events],
-    }
+    own = {"clock_us": message.clock_us, "map_resets": message.map_resets}
+    return {"type": "state", **state_as_json(found, t_ns), **own}
 
 
 def ready_ns(shown: Shown) -> int:

@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+import json
 import os
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ledpi.camera.simulated import SimulatedCamera
-from ledpi.config.settings import load_config
+from ledpi.config.settings import Config, load_config
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
+from ledpi.runtime.tapping import close_tap, open_tap
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 from ledpi.simulate.trajectory import Gliding
+from ledpi.tap.server import Tap
 from ledpi.wire import Mode, OdometryMessage, Receiver, StateMessage, TimeAnswer, TimeAsk
 from ledpi.wire.codec import encode
+from ledpi.wire.diary import Frame as FrameMark
+from ledpi.wire.diary import read_diary
+from tests.builders.command import in_process
 from tests.builders.daemon import daemon_in_thread
-from tests.builders.waiting import wait_until
+from tests.builders.tap import reach
+from tests.builders.waiting import limit_s, wait_until
 
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 SPEED_M_S = 0.1
@@ -160,6 +170,52 @@ def test_the_controller_hears_where_it_is(tmp_path: Path) -> None:
     assert alone[-1].deviations is not None
     assert last.deviations is not None
     assert alone[-1].deviations[2] > 10 * last.deviations[2]  # nothing says that it has not turned
+
+
+@pytest.mark.slow
+def test_a_recording_gives_the_same_states(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A program on the tap is the controller. What it was told live, `ledpi decode` says again of the last seconds."""
+    (tmp_path / "markers.yaml").write_text(MAP)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    drive = Drive()
+    keys = ("panels.side_m=0.16", f"map={tmp_path}/markers.yaml", f"tap.socket={tmp_path}/tap.sock")
+    live: dict[int, dict[str, Any]] = {}
+    config = load_config(None, (*keys, "rewind.seconds=60", "odometry.source=tap"))
+    with tap_of(config) as tap, daemon_in_thread(config, drive, tap=tap), reach(tmp_path / "tap.sock") as client:
+        assert "odometry" in client.hello["may"]
+        told = 0
+        for line in client.lines(tick_s=0.02):
+            t_ns = time.monotonic_ns()
+            if line["type"] == "state":
+                live[line["t_ns"]] = line
+                told += line["mode"] == "odometry"
+                client.send("odometry", t_ns=t_ns, yaw_rad=0.0, **dict.fromkeys(("left_m", "right_m"), 1e-10 * t_ns))
+            if told > 100:
+                break
+        path = client.ask("save", limit_s())["path"]
+    status, output, errors = in_process(monkeypatch, capsys, "decode")("--as-live", "--set", keys[1], path)
+    assert (status, errors) == (0, "")
+    (offset_ns,) = {entry.host_offset_ns for entry in read_diary(Path(path)) or () if isinstance(entry, FrameMark)}
+    again = [line["state"] for line in map(json.loads, output.splitlines()) if line["state"] is not None]
+    again = [state for state in again if state["t_ns"] + offset_ns in live]
+    assert sum(state["mode"] == "odometry" for state in again) > 20
+    for state in again:
+        same = live[state["t_ns"] + offset_ns]
+        assert [same[key] for key in NUMBERS] == [state[key] for key in NUMBERS]
+
+
+@contextmanager
+def tap_of(config: Config) -> Iterator[Tap | None]:
+    tap = open_tap(config)
+    try:
+        yield tap
+    finally:
+        close_tap(tap)
+
+
+NUMBERS = ("mode", "position_m", "yaw_rad", "covariance", "velocity", "way_m", "panels", "moved", "relocalisations")
 
 
 def has_state(wheels: Wheels, mode: Mode, since_s: float, panels: int = 0) -> bool:
