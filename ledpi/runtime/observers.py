@@ -93,7 +93,7 @@ class Observers:
     def send_state(self, now: Now) -> None:
         """To the followers of the tap; from the state's own thread."""
         if self._tap is not None and self._tap.is_followed:
-            self._tap.tell_state(messages.state(now.state, now.t_ns, now.message))
+            self._tap.tell_state(messages.robot_state(now.state, now.t_ns, now.message))
 
     def end(self) -> None:
         """No more frames are written than wait already."""

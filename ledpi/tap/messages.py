@@ -118,10 +118,10 @@ def decoded(shown: Shown) -> dict[str, Any]:
     }
 
 
-def state(found: State | None, t_ns: int, message: StateMessage) -> dict[str, Any]:
+def robot_state(found: State | None, t_ns: int, message: StateMessage) -> dict[str, Any]:
     """The robot's state at a time; its numbers are null where there is none."""
     own = {"clock_us": message.clock_us, "map_resets": message.map_resets}
-    return {"type": "state", **state_as_json(found, t_ns), **own}
+    return {"type": "robot_state", **state_as_json(found, t_ns), **own}
 
 
 def ready_ns(shown: Shown) -> int:

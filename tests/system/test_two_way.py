@@ -188,7 +188,7 @@ def test_a_recording_gives_the_same_states(
         told = 0
         for line in client.lines(tick_s=0.02):
             t_ns = time.monotonic_ns()
-            if line["type"] == "state":
+            if line["type"] == "robot_state":
                 live[line["t_ns"]] = line
                 told += line["mode"] == "odometry"
                 client.send("odometry", t_ns=t_ns, yaw_rad=0.0, **dict.fromkeys(("left_m", "right_m"), 1e-10 * t_ns))

@@ -447,8 +447,8 @@ def test_odometry_is_taken_at_once_and_states_are_told(tap: Tap) -> None:
     assert "t_ns" in client.next("error")["error"]
     told = [request.odometry for request in taken]
     assert told == [Odometry(t_ns=n, left_m=0.5 * n, right_m=0) for n in range(100)]
-    tap.tell_state({"type": "state", "t_ns": 5})
-    assert client.next("state")["t_ns"] == 5
+    tap.tell_state({"type": "robot_state", "t_ns": 5})
+    assert client.next("robot_state")["t_ns"] == 5
 
 
 @pytest.mark.parametrize(("failure", "said"), [(OSError(28, "No space left"), "No space"), (KeyError("x"), "KeyError")])
