@@ -172,7 +172,7 @@ class Config(Section):
     @property
     def hears_controller(self) -> bool:
         """Tells whether what comes in on the serial port is read."""
-        return self.odometry.source == "serial"
+        return self.odometry.source == "serial" and self.state_hz > 0
 
     @property
     def from_command_line(self) -> frozenset[str]:

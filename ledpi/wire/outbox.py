@@ -52,6 +52,7 @@ class Outbox:
         self._fix: tuple[RobotFix, int] | None = None  # with its mid-exposure on the host's clock
         self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
         self._state: tuple[StateMessage, int] | None = None  # with the time at which it holds
+        self._state_was_last = False
         self._asks = asks
         self._asked = 0
         self._ask_due_ns = 0
@@ -109,13 +110,19 @@ class Outbox:
     def take(self, first_byte_ns: int) -> Message | None:
         """The next message for a frame whose first byte leaves at `first_byte_ns`, or None.
 
-        The state and the question for the clock first: they come as often as they must, and no oftener. Then the fix,
-        the status, the markers; but a status that is due waits for one fix at most, or a line too short for all fixes
-        would never carry it. The first fix, and the first after a time without, is followed by a status that says so.
+        The state first, then the question for the clock, the fix, the status, the markers. But after a state another
+        has its turn, and a status that is due waits for one fix at most, or a line too short for all of them would
+        never carry it. The first fix, and the first after a time without, is followed by a status that says so.
         """
-        ahead = self._take_state(first_byte_ns) or self._take_ask(first_byte_ns)
-        if ahead is not None:
-            return ahead
+        if self._state is not None and not self._state_was_last:
+            state = self._take_state(first_byte_ns)
+            if state is not None:
+                return state
+        other = self._take_ask(first_byte_ns) or self._take_other(first_byte_ns)
+        self._state_was_last = False
+        return other or self._take_state(first_byte_ns)
+
+    def _take_other(self, first_byte_ns: int) -> Message | None:
         status_due = self._status_due_ns is None or first_byte_ns >= self._status_due_ns
         if not (status_due and self._status_waits):
             fix = self._take_fix(first_byte_ns)
@@ -174,11 +181,11 @@ class Outbox:
         taken, self._state = self._state, None
         if taken is None or first_byte_ns - taken[1] > self._max_age_ns:
             return None
-        self._undo = partial(self._put_back_state, taken)
+        self._undo, self._state_was_last = partial(self._put_back_state, taken), True
         return taken[0]
 
     def _put_back_state(self, taken: tuple[StateMessage, int]) -> None:
-        self._state = self._state or taken
+        self._state, self._state_was_last = self._state or taken, False
 
     def _take_ask(self, first_byte_ns: int) -> TimeAsk | None:
         if not self._asks or first_byte_ns < self._ask_due_ns:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -73,6 +74,21 @@ def test_the_state_and_the_question_for_the_clock_go_first() -> None:
     assert outbox.idle_ns(162 * MS) == 1 * MS  # to the status
     assert label(outbox.take(163 * MS)) == "status"
     assert outbox.take(502 * MS) == TimeAsk(number=3)
+
+
+def test_states_take_every_second_packet_at_most() -> None:
+    """A line that is too short even for them carries fixes, heartbeats and markers all the same."""
+    outbox = Outbox(max_age_ms=100.0)
+    sent: Counter[str] = Counter()
+    for n in range(400):
+        outbox.put_state(StateMessage(mode=Mode.NONE), n * 40 * MS)
+        outbox.put(frame(7, at_ns=n * 40 * MS, fix=True))
+        message = outbox.take(n * 40 * MS)
+        assert message is not None
+        sent[message.name] += 1
+    assert sent["state"] == 200
+    assert sent["fix"] > 100
+    assert sent["status"] > 40
 
 
 def test_a_status_that_is_due_waits_for_one_fix_at_most() -> None:
