@@ -5,7 +5,7 @@ taken. With what is decoded of the pictures it gives the same states again, to t
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -19,6 +19,7 @@ from ledpi.state.estimator import State
 from ledpi.state.inputs import Odometry
 from ledpi.wire.codec import FROM_CONTROLLER
 from ledpi.wire.keeper import Asked, Heard, Keeper, Seen, Told
+from ledpi.wire.message import Message
 
 DIARY_FILE = "controller.jsonl"
 _MESSAGES = {message.name: message for message in FROM_CONTROLLER}
@@ -45,9 +46,9 @@ def line_of(entry: Entry) -> str:
     """Without its end. Times are of CLOCK_MONOTONIC; of a frame, what to add to the recording's times to get these."""
     match entry:
         case Heard():
-            values: dict[str, Any] = {"heard_ns": entry.now_ns, "message": entry.message.name, **asdict(entry.message)}
+            values: dict[str, Any] = {"heard_ns": entry.now_ns, "message": entry.message.name, **_values(entry.message)}
         case Told():
-            values = {"told_ns": entry.now_ns, **asdict(entry.odometry)}
+            values = {"told_ns": entry.now_ns, **_values(entry.odometry)}
         case Asked():
             values = {"asked_ns": entry.first_byte_ns, "number": entry.number}
         case Frame():
@@ -55,6 +56,11 @@ def line_of(entry: Entry) -> str:
         case Look():
             values = {"state_ns": entry.t_ns}
     return json.dumps(values)
+
+
+def _values(record: Message | Odometry) -> dict[str, Any]:
+    """Fields by name: not as deep as asdict, and three times as fast."""
+    return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
 class _Line(BaseModel):
