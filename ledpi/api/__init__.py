@@ -5,6 +5,7 @@ from ledpi.api.lens import Lens
 from ledpi.api.marker import Marker
 from ledpi.api.reader import Reader
 from ledpi.api.reason import Reason
+from ledpi.api.state import State
 from ledpi.api.stream import Stream
 
-__all__ = ["Fix", "Lens", "Marker", "Reader", "Reason", "Stream"]
+__all__ = ["Fix", "Lens", "Marker", "Reader", "Reason", "State", "Stream"]

@@ -16,7 +16,7 @@ from ledpi.config.panels import check_bands_visible
 from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import ConfigError
-from ledpi.core.records import Frame, Intrinsics, Pixels
+from ledpi.core.records import Frame, Intrinsics, MarkerPose, Pixels
 from ledpi.core.wording import shortened
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.still import still_camera
@@ -28,6 +28,7 @@ class Read(NamedTuple):
     markers: list[Marker]
     fix: Fix | None
     rejected: dict[str, int]  # how often each reason
+    poses: tuple[MarkerPose, ...]  # the same as the markers, as the decoder has them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +64,7 @@ class Exposure:
         return (override("camera.row_time_us", self.row_time_us), override("camera.exposure_us", self.exposure_us))
 
 
-_OUR_KEYS = re.compile(r"^configuration: (panels|camera|robot)\.")
+_OUR_KEYS = re.compile(r"^configuration: ((panels|camera|robot)\.|(?=odometry\.))")
 
 
 class Decoder:
@@ -83,7 +84,7 @@ class Decoder:
         decoded = self._pipeline.decode(self._frame(picture, seq, time_ns))
         reasons = Counter(rejected.key for rejected in decoded.rejected)
         markers = [marker_of(marker) for marker in decoded.markers]
-        return Read(markers, fix_of(decoded.robot), dict(sorted(reasons.items())))
+        return Read(markers, fix_of(decoded.robot), dict(sorted(reasons.items())), decoded.markers)
 
     def why_not(self, picture: Pixels) -> list[Reason]:
         """Explains a picture that stands alone."""

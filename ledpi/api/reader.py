@@ -32,7 +32,8 @@ class Reader:
     a `Lens`, or None: then there are IDs and corners, but no poses. `transfer` is the camera's tone: "srgb" as most
     deliver it, "linear" as `ledpi run` sets the Pi's. `overrides` by ID: panels that differ, as {7: {"side_m": 0.3}}.
     `map` is the path of a markers.yaml; with it and a lens `fix` says where the robot is, and `camera_mount` how the
-    camera sits on it. All others are as the configuration's keys of these names.
+    camera sits on it. A stream's `state` says it between pictures, too, by `odometry`: {"base_m": 0.3}, between the
+    wheels, where there is no gyro. All others are as the configuration's keys of these names.
 
     Raises ConfigError, which begins with the argument's name, where a value cannot be, CalibrationError where the
     lens's file cannot be used.
@@ -57,6 +58,7 @@ class Reader:
         upright: bool = False,
         map: str | PathLike[str] | None = None,
         camera_mount: Mapping[str, Sequence[float]] | None = None,
+        odometry: Mapping[str, Any] | None = None,
         transfer: Transfer = "srgb",
         rows_from: RowsFrom = "above",
     ) -> None:
@@ -72,6 +74,7 @@ class Reader:
             override("panels.upright", upright),
             override("map", None if map is None else fspath(_path("map", map))),
             override("robot.camera_mount", _mapping("camera_mount", camera_mount, '{"rpy_deg": [0, -90, 0]}')),
+            override("odometry", _mapping("odometry", odometry, '{"base_m": 0.3}')),
             override("camera.transfer", transfer),
             override("camera.rows_from", rows_from),
         )

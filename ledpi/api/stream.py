@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Sequence
 
 from ledpi.api.drawn import drawn
@@ -10,9 +9,9 @@ from ledpi.api.exposed import Decoder, Exposure, Panels, Read
 from ledpi.api.fix import Fix
 from ledpi.api.marker import Marker
 from ledpi.api.picture import Image, OneAtATime, checked_picture
+from ledpi.api.state import State, Whereabouts, whole_ns
 from ledpi.core.errors import PictureError
 from ledpi.core.records import Pixels
-from ledpi.core.wording import shortened
 
 
 class Stream:
@@ -25,6 +24,7 @@ class Stream:
         self._seq = 0
         self._last_ns: int | None = None
         self._read: Read | None = None
+        self._whereabouts = Whereabouts(panels.config())
         self._guard = OneAtATime("stream")
 
     @property
@@ -51,20 +51,45 @@ class Stream:
         with self._guard:
             return self._next(image, time_ns)
 
+    def add_odometry(
+        self,
+        *,
+        time_ns: int,
+        left_m: float | None = None,
+        right_m: float | None = None,
+        yaw_rad: float | None = None,
+        restarted: bool = False,
+        lifted: bool = False,
+        slipping: bool = False,
+    ) -> str | None:
+        """Takes how the robot moved: totals that run on, of each wheel's way ahead, and of a gyro's angle to the left.
+
+        `time_ns` is on the clock of the pictures; up to 2 s late, in any order. `restarted`: the totals begin anew;
+        `lifted`: the robot may be anywhere; `slipping`: the wheels tell nothing since the message before. Returns why
+        it is not used, a reason of docs/troubleshooting.md. Raises PictureError for what is no number.
+        """
+        with self._guard:
+            totals = {"left_m": left_m, "right_m": right_m, "yaw_rad": yaw_rad}
+            flags = {"restarted": restarted, "lifted": lifted, "slipping": slipping}
+            return self._whereabouts.add_odometry(time_ns, totals, flags)
+
+    def state(self, time_ns: int) -> State | None:
+        """Tells where the robot is at a time, between pictures, too; None where that is not known, or without a map."""
+        with self._guard:
+            return self._whereabouts.at(time_ns)
+
     def draw(self, image: Image, markers: Sequence[Marker]) -> Pixels:
         """The picture in colour, with its markers, as `Reader.draw` gives it."""
         return drawn(self._panels, checked_picture(image), markers)
 
     def _next(self, image: Image, time_ns: int) -> list[Marker]:
         picture = checked_picture(image)
-        try:
-            time_ns = operator.index(time_ns)
-        except TypeError:
-            raise PictureError(f"time_ns: must be whole nanoseconds, not {shortened(time_ns)}") from None
+        time_ns = whole_ns(time_ns)
         if self._last_ns is not None and time_ns <= self._last_ns:
             raise PictureError(f"time_ns: must be after the picture's before, {self._last_ns}, not {time_ns}")
         if self._decoder is None:
             self._decoder = Decoder(self._panels, self._exposure, picture, stream=True)
         self._read = self._decoder.read(picture, self._seq, time_ns)
         self._seq, self._last_ns = self._seq + 1, time_ns
+        self._whereabouts.add_markers(self._read.poses)
         return list(self._read.markers)
