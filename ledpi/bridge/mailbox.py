@@ -15,6 +15,7 @@ class Mail:
     setup: Line | None = None  # a `hello`
     frame: Line | None = None  # a `decoded`
     health: Line | None = None
+    robot: Line | None = None  # a `robot_state`
     state: str | None = None  # of the daemon, where it has changed
 
 
@@ -35,6 +36,7 @@ class Mailbox:
                 setup=mail.setup or old.setup,
                 frame=mail.frame or old.frame,
                 health=mail.health or old.health,
+                robot=mail.robot or old.robot,
                 state=mail.state or old.state,
             )
             self._changed.notify()
