@@ -31,7 +31,7 @@ from evaluation.suites.units import code_version
 from evaluation.suites.wild_rows import WILD
 from evaluation.suites.workers import run_on_processes
 from ledpi.config.settings import load_config
-from ledpi.tools.evaluate.folder import ResultsFolder
+from ledpi.tools.evaluate.page import ResultsFolder
 from ledpi.tools.evaluate.table import TableRow, wilson
 
 SEED = 77001  # nothing was tuned on it
@@ -63,7 +63,7 @@ Median processor time of a frame of 640 × 480 pixels, OpenCV on one thread, on 
 
 
 INSTRUCTIONS = """\
-Counted on emulated 64-bit ARM and on x86-64, with panels as above (`python -m evaluation.speed arm --renew`).
+Counted on emulated 64-bit ARM and on x86-64, with panels as above (`python -m evaluation.speed.arm --renew`).
 *Searching*: no panel is in view. *First ID*: all frames of a stream until then. *Following*: the mean of six frames of
 a stream, the whole picture searched in every third. [Which Pi, how fast](raspberry-pi.md#which-pi-how-fast) says what
 that makes of a Raspberry Pi."""
@@ -71,7 +71,7 @@ that makes of a Raspberry Pi."""
 
 BRIDGES = """\
 Replayed taps at 60 frames a second through [bridges](outputs.md), all on one machine; half-way the far end is killed,
-and started again 5 s later (`python -m evaluation.endurance bridges --renew`). *mqtt*: a bridge of each tap into one
+and started again 5 s later (`python -m evaluation.endurance.bridges --renew`). *mqtt*: a bridge of each tap into one
 mosquitto, and a subscriber; *nt*: one into an ntcore server. *Late*: from when the tap had a frame until it arrived,
 in the median, and in 99 of 100. *Back*: from the far end's start to the next frame. *Old*: older than 0.3 s after
 that. *Memory*: what the bridge that gained most had more at the end. *Load*: processes that would run, on how many

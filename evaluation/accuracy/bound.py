@@ -1,7 +1,7 @@
 """Reading beside its bound: the share of panels that are read, and that of decoders that are told more.
 
-    python -m evaluation.accuracy bound SET [--single] [--skip N]
-    python -m evaluation.accuracy bound [--takes 24] [--stream] [DISTANCE…]
+    python -m evaluation.accuracy.bound SET [--single] [--skip N]
+    python -m evaluation.accuracy.bound [--takes 24] [--stream] [DISTANCE…]
 
 Of the recordings with truth in and below the folder SET: how many panels are read with the true corners given, in
 single frames, or in streams of which the first N frames do not count; and how many were when that was frozen, so that
@@ -44,8 +44,8 @@ from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.recording.reader import FrameEntry, Recording, find_recordings, load_recording
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, PanelReader
 from ledpi.tools.evaluate.recorded import frame_of
+from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE, PanelReader
 from ledpi.tools.evaluate.table import PLAIN
 
 SHOWN = (4, 12)  # of a stream's frames

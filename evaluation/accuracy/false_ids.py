@@ -9,7 +9,7 @@ to be taken for one.
 
 Then the decoys of `ledpi evaluate` that are mistaken most, near-words and mirrored words of any size, as they are.
 
-    python -m evaluation.accuracy false_ids [--takes 100] [--decoys 100] [--seed 0] [--exposure-us 10000] [DISTANCE…]
+    python -m evaluation.accuracy.false_ids [--takes 100] [--decoys 100] [--seed 0] [--exposure-us 10000] [DISTANCE…]
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ as an exposure of 80 µs would make them. A steeper tone curve explains that as 
 A second table says how well `ledpi calibrate panel PICTURE…` tells the frequency of such a lamp, knowing nothing of it
 but exposure and row time: of photographs that show 2.5 periods or more, by how much it is off.
 
-    python -m evaluation.accuracy led_bands [../shared/real/led_bands]
+    python -m evaluation.accuracy.led_bands [../shared/real/led_bands]
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ of a panel. So a panel's row gets the light of one row of a lamp in black's freq
 that are darker towards their dark walls; then it is blurred and gets noise. IDs, turns, places and photographs are
 drawn with a seed. No photograph is high enough for a panel nearer than 1.5 m.
 
-    python -m evaluation.accuracy led_panels [../shared/real/led_bands] [--takes 60]
+    python -m evaluation.accuracy.led_panels [../shared/real/led_bands] [--takes 60]
 """
 
 from __future__ import annotations

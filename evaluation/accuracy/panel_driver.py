@@ -6,7 +6,7 @@ what was asked for, the worst duty of any pin, and the widest any pin's edges st
 neither the 4 cycles in which a chip wakes from sleep nor the 4 in which it enters an interrupt: where one class's edge
 waits for the other's interrupt, a chip adds up to 0.5 µs.
 
-    python -m evaluation.accuracy panel_driver [--seconds 1]     # a trace, per ID
+    python -m evaluation.accuracy.panel_driver [--seconds 1]     # a trace, per ID
 
 Needs make, gcc, gcc-avr, avr-libc, libsimavr-dev.
 """

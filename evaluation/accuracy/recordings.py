@@ -4,7 +4,7 @@ Both are timed on the same frames, in turn, in one process, OpenCV on one thread
 processor's time, so that whatever else runs on the machine hardly shows. Those of stages (in brackets) are of the
 clock's: to ask for the processor's at each costs as much as a stage.
 
-    python -m evaluation.accuracy recordings [--stream] RECORDING…
+    python -m evaluation.accuracy.recordings [--stream] RECORDING…
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.reader import Recording, find_recordings, load_recording
-from ledpi.tools.evaluate.reading import read_of
 from ledpi.tools.evaluate.recorded import frame_of
-from ledpi.tools.evaluate.scoring import Expected, Tally
+from ledpi.tools.evaluate.scoring import Expected, Tally, read_of
 
 ROUNDS = 3  # of every frame; the first warms caches up and is not timed
 

@@ -5,7 +5,7 @@ the bridges gain, and after the broker or the server was killed half-way and sta
 come and whether one of them is old. All is on one machine, so one clock judges. Exit status 1 where an old frame came,
 or none. `--renew` keeps the figures, and writes the table in docs/results.md anew.
 
-    python -m evaluation.endurance bridges [--minutes 10] [--taps 10] [--renew]
+    python -m evaluation.endurance.bridges [--minutes 10] [--taps 10] [--renew]
 """
 
 from __future__ import annotations

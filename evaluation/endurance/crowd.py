@@ -9,7 +9,7 @@ page may take no more than MemoryMax of ledpi-view.service, and each viewer that
 The memory of its own (RssAnon) is looked at each second: after the warm-up, in which ring, caches and heap fill, the
 medians of the first and of the last quarter may differ by --allow-mib. Exit status 1 where one of this does not hold.
 
-    python -m evaluation.endurance crowd [tap|page] [--warm-up 5] [--minutes 10] [--clients 50] [--allow-mib 1]
+    python -m evaluation.endurance.crowd [tap|page] [--warm-up 5] [--minutes 10] [--clients 50] [--allow-mib 1]
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation import ROOT
+from evaluation import ROOT, end
 from evaluation.endurance.process import MIB, follow, growth_mib
-from evaluation.running import end
 from evaluation.speed.latency import latencies_ms, recording_in_memory
 from ledpi.core.errors import TapError
 from ledpi.tap.client import Client, connect

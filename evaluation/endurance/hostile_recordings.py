@@ -22,9 +22,9 @@ import numpy as np
 import yaml
 
 from ledpi.camera.factory import open_camera
-from ledpi.config.robot import load_robot
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame
+from ledpi.pipeline.of_config import load_robot
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.writer import RecordingWriter
 

@@ -5,7 +5,7 @@ or exchanged, delimiters lost or put in, noise, two frames run together. Whateve
 byte for byte a frame that was sent must be received; nothing else may be. Both must agree to the last counter.
 Exit status 1 where one of this does not hold. Needs gcc.
 
-    python -m evaluation.endurance receivers [--bytes 10000000] [--seed 1]
+    python -m evaluation.endurance.receivers [--bytes 10000000] [--seed 1]
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import random
 import time
 from collections.abc import Callable
 
-from evaluation.running import end
+from evaluation import end
 from ledpi.wire import (
     FixMessage,
     MarkerMessage,

@@ -6,7 +6,7 @@ recording, again and again, with a pty for the controller, whose stream is read 
 the memory of the first quarter is compared with that of the last one. Exit status 1 where it has grown by more than
 --allow-mib, where threads or descriptors have, where a packet was damaged or an ID wrong, or where the daemon failed.
 
-    python -m evaluation.endurance soak [--frames 50000] [--width 640] [--allow-mib 1]
+    python -m evaluation.endurance.soak [--frames 50000] [--width 640] [--allow-mib 1]
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ import tty
 from collections import Counter
 from pathlib import Path
 
-from evaluation import ROOT
+from evaluation import ROOT, end
 from evaluation.endurance.process import MIB, Sample, growth_mib, sample
-from evaluation.running import end
 from ledpi.simulate.scenes import DRIVE_IDS
 from ledpi.wire import MarkerMessage, Receiver, State, StatusMessage
 

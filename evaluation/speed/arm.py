@@ -4,7 +4,7 @@ Of frames without a panel, of those until a panel is first read, and of frames i
 10 ms and at 150 µs. The wheel for ARM is run in an emulator (scripts/emulated-aarch64), and built first where none is
 given; ten minutes. `--renew` keeps the figures, and writes the tables in docs/ anew.
 
-    python -m evaluation.speed arm [--wheel dist/ledpi-*_aarch64.whl] [--renew]
+    python -m evaluation.speed.arm [--wheel dist/ledpi-*_aarch64.whl] [--renew]
 """
 
 from __future__ import annotations

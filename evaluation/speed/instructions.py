@@ -4,7 +4,7 @@ Counted by valgrind's callgrind (counting.py), so what else the machine does cha
 figure is more than a tenth above that in instructions.json; `--renew` writes new ones there (Debian 12's Python and
 gcc, today's packages). Takes a minute or two. `arm` counts more, on 64-bit ARM, too.
 
-    python -m evaluation.speed instructions [--renew]
+    python -m evaluation.speed.instructions [--renew]
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def main() -> int:
         FIGURES.write_text(json.dumps({kind: now[kind] for kind in OURS}, indent=1) + "\n", encoding="utf-8")
         return 0
     for kind in (failed := grown(now, before)):
-        print(f"{kind}: more than a tenth above; where that is meant: python -m evaluation.speed instructions --renew")
+        print(f"{kind}: more than a tenth above; where that is meant: python -m evaluation.speed.instructions --renew")
     return 1 if failed else 0
 
 

@@ -6,7 +6,7 @@ the frame's hand-over, decoding, and the wait for the line. Exit status 1 where 
 median decoding time (which the daemon reports) and --allow-ms. The pictures are stored uncompressed and in memory: a
 sensor needs neither a processor to unpack them nor a disk.
 
-    python -m evaluation.speed latency [--seconds 30] [--allow-ms 1]
+    python -m evaluation.speed.latency [--seconds 30] [--allow-ms 1]
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ so that what slows the machine down for a while slows all alike. Figures are med
 "Searching": each frame alone. "Tracking": in a stream, once every panel was read. The last lines say what each further
 panel costs.
 
-    python -m evaluation.speed panels [--panels 8] [--frames 24]
+    python -m evaluation.speed.panels [--panels 8] [--frames 24]
 """
 
 from __future__ import annotations

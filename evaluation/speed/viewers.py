@@ -7,7 +7,7 @@ percentile of frame ready → first byte is compared; and of the last turn the m
 by the ring's budget and 10 MB. Then headless Chromium opens the page and says how old its pictures are, from the middle
 of the exposure until they are drawn. Exit status 1 where one of the figures is more than --allow, 10 MB or 250 ms.
 
-    python -m evaluation.speed viewers [--turns 6] [--seconds 20] [--allow 1.15]
+    python -m evaluation.speed.viewers [--turns 6] [--seconds 20] [--allow 1.15]
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation import end
 from evaluation.endurance.process import sample
-from evaluation.running import end
 from evaluation.speed.latency import WARM_UP, latencies_ms, recording_in_memory
 from ledpi.core.records import Floats
 from tests.builders.daemon import COMMAND, LIFE_S, controller, daemon

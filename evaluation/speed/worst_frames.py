@@ -12,7 +12,7 @@ later one, in frame periods; when the second panel is read, in frames; the longe
 watchdog that this allows. Exit status 1 where a scene misses an aim: a share of 90 %, 1.5 periods, one second for
 the second panel, 2 s for the watchdog.
 
-    python -m evaluation.speed worst_frames [--seconds 3] [--slower 1] [--only 640x480/600/4X4_50/squares] [--draw 0]
+    python -m evaluation.speed.worst_frames [--seconds 3] [--slower 1] [--only 640x480/600/4X4_50/squares] [--draw 0]
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Singles
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.daemon import TICK_S
-from ledpi.runtime.pacing import Pacing
-from ledpi.runtime.watchdog import FEEDS
+from ledpi.runtime.liveness import Pacing
+from ledpi.runtime.reporting import FEEDS
 from ledpi.simulate.scenes import ov5647_lens
 
 # The OV5647's: rows, and the least rows of a frame (hts 1852 at 55 MHz, 1896 at 87.5 MHz; `vts` less its blanking).

@@ -20,16 +20,14 @@ from evaluation.suites.prints import has_apriltag
 from evaluation.suites.units import code_version
 from evaluation.suites.wild_rows import TAKES
 from evaluation.suites.workers import run_on_cluster, run_on_processes
-from ledpi.cli import main
+from ledpi.cli import main, progress
 from ledpi.cli.evaluate import SIDE, method_option, panel_options
-from ledpi.cli.progress import progress
 from ledpi.cli.simulate import TransferName
-from ledpi.config.renamed import METHODS
+from ledpi.config.overrides import METHODS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
-from ledpi.tools.evaluate.folder import ResultsFolder
-from ledpi.tools.evaluate.page import PAGE_FILE, summary, write_results
+from ledpi.tools.evaluate.page import PAGE_FILE, ResultsFolder, summary, write_results
 
 
 class SuiteName(StrEnum):

@@ -35,7 +35,7 @@ from ledpi.simulate.scene import (
     SimulatedSensor,
 )
 from ledpi.simulate.trajectory import Gliding, Still, Trajectory
-from ledpi.tools.evaluate.reading import FRAMES_A_TAKE
+from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE
 
 OFFSET_PX = (80.0, 60.0)  # how far from the picture's middle a panel is put, at most
 HUNG_BY_HAND_DEG = 3.0

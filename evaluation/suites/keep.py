@@ -16,7 +16,7 @@ from ledpi.config.panels import PanelSettings
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.reading import FRAMES_A_TAKE
+from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE
 
 BETWEEN_TAKES_NS = 2_000_000_000  # tracks do not survive half a second
 DRAWN_FILE = "drawn.jsonl"  # what was drawn for each take, to look up what a decoder loses

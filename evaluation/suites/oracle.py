@@ -15,7 +15,7 @@ from ledpi.decode.locate import Locator
 from ledpi.decode.observation import Observation
 from ledpi.decode.reader import Reader
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.evaluate.reading import Found, Read
+from ledpi.tools.evaluate.scoring import Found, Read
 
 Views = Sequence[tuple[Frame, Floats]]  # frames of a stream in order, each with a panel's true corners, (4, 2) px
 

@@ -22,8 +22,7 @@ from ledpi.config.settings import check_method
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Transfer
 from ledpi.core.wording import install_command
-from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, PANEL_METHODS
-from ledpi.tools.evaluate.scoring import Tally
+from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE, PANEL_METHODS, Tally
 from ledpi.tools.evaluate.table import TableRow, table_row
 
 COMMAND = ("python", "-m", "evaluation.suites")

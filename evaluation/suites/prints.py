@@ -18,7 +18,7 @@ from ledpi.markers.dictionaries import load_dictionary, opencv_dictionary
 from ledpi.pose.corners import independent
 from ledpi.pose.planar import solve_square
 from ledpi.simulate.scene import Print, Scene
-from ledpi.tools.evaluate.reading import Found, Read
+from ledpi.tools.evaluate.scoring import Found, Read
 
 Family = Literal["aruco", "apriltag"]
 

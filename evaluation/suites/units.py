@@ -26,9 +26,17 @@ from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Scene
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate import folder
-from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, PANEL_METHODS, STREAM_ROWS, PanelReader, Read, Row
-from ledpi.tools.evaluate.scoring import Expected, Tally
+from ledpi.tools.evaluate import page
+from ledpi.tools.evaluate.scoring import (
+    FRAMES_A_TAKE,
+    PANEL_METHODS,
+    STREAM_ROWS,
+    Expected,
+    PanelReader,
+    Read,
+    Row,
+    Tally,
+)
 
 TAKES_A_UNIT = 25  # a few seconds of work
 
@@ -60,7 +68,7 @@ class Unit:
 
 def code_version() -> str:
     """Returns what the results depend on, besides a unit's values: the sources of ledpi and of this package."""
-    return folder.code_version(Path(__file__).parent)
+    return page.code_version(Path(__file__).parent)
 
 
 def run_unit(unit: Unit) -> dict[str, Any]:

@@ -4,22 +4,102 @@ from __future__ import annotations
 
 import json
 import re
+import threading
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
-from ledpi.api.fix import Fix, fix_of
-from ledpi.api.marker import Marker, marker_of
-from ledpi.api.picture import check_size
-from ledpi.api.reason import Reason, reasons_of
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.api.marker import Fix, Marker, fix_of, marker_of
 from ledpi.config.panels import check_bands_visible
-from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config, load_config
-from ledpi.core.errors import ConfigError
-from ledpi.core.records import Frame, Intrinsics, MarkerPose, Pixels
+from ledpi.core.errors import ConfigError, PictureError
+from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, MarkerPose, Pixels
 from ledpi.core.wording import shortened
+from ledpi.diagnosis.diagnose import not_read_in
+from ledpi.diagnosis.why_not import WhyNot
+from ledpi.pipeline.of_config import load_robot
 from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Trace
 from ledpi.recording.still import still_camera
+
+# What programs have: cv2.imread gives None where it cannot read a file, and its stubs know no dtype.
+Image: TypeAlias = "NDArray[Any] | None"
+_GREY = "must be grey, (height, width) uint8"
+_OUR_KEYS = re.compile(r"^configuration: ((panels|camera|robot)\.|(?=odometry\.))")
+
+
+def checked_picture(image: object) -> Pixels:
+    """The picture as a view: nothing is copied, and the caller's own array stays writable.
+
+    Raises PictureError for anything but (height, width) uint8. Colours are not mixed here: which channel comes
+    first, nothing tells.
+    """
+    if not isinstance(image, np.ndarray):
+        nothing = "; cv2.imread and others return None where they cannot read a file" if image is None else ""
+        raise PictureError(f"image: {_GREY}, as a numpy array, not {type(image).__name__}{nothing}")
+    if image.ndim == 3:
+        raise PictureError(
+            f"image: {_GREY}, not {_shape(image)} {image.dtype}: of colours take the grey, as by "
+            "cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)"
+        )
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise PictureError(f"image: {_GREY}, not {_shape(image)} {image.dtype}")
+    return image.view(np.ndarray)
+
+
+def check_size(picture: Pixels, width: int, height: int, because: str) -> None:
+    """Raises PictureError where the picture is not so large. `because`: who says that it should be."""
+    if picture.shape == (height, width):
+        return
+    has_chroma = picture.shape == (height * 3 // 2, width)
+    below = f": below its grey rows are YUV420's colours; give image[:{height}]" if has_chroma else ""
+    raise PictureError(
+        f"image: must be {width} × {height} pixels, as {because}, not {picture.shape[1]} × {picture.shape[0]}{below}"
+    )
+
+
+class OneAtATime:
+    """Guards what is not to be shared between threads: `with` it, two calls at once raise PictureError."""
+
+    def __init__(self, what: str) -> None:
+        self._what, self._lock = what, threading.Lock()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise PictureError(f"this {self._what} is in use by another thread; make one for each thread")
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
+def _shape(image: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> str:
+    return f"({', '.join(map(str, image.shape))})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reason:
+    """Something that looks like a panel and is not reported, or what the whole picture lacks."""
+
+    says: str  # what is wrong, as in "looks like ID 11 mirrored"
+    helps: str  # what helps; "" where nothing is to be done
+    is_panel: bool  # whether it surely is a panel, or the picture itself; else it may be a lamp
+    corners_px: Floats | None  # (4, 2) clockwise; None for the whole picture
+
+
+def reasons_of(frame: Frame, camera: CameraInfo, pipeline: Pipeline, lens: Intrinsics | None) -> list[Reason]:
+    """Decodes the frame once more, and under other assumptions. Takes a second or two."""
+    trace = Trace()
+    read_px = [marker.detection.corners_px for marker in pipeline.decode(frame, trace).markers]
+    why = WhyNot(camera, pipeline.panels, lens).explain(frame, not_read_in(trace), read_px)
+    found = [
+        Reason(says=one.says, helps=one.helps, is_panel=one.kind == "panel", corners_px=one.corners_px)
+        for one in why.diagnoses
+        if one.kind != "shape"
+    ]
+    return found + [Reason(says=note.says, helps=note.helps, is_panel=True, corners_px=None) for note in why.notes]
 
 
 class Read(NamedTuple):
@@ -62,9 +142,6 @@ class Exposure:
     def overrides(self) -> tuple[str, ...]:
         """As --set takes them."""
         return (override("camera.row_time_us", self.row_time_us), override("camera.exposure_us", self.exposure_us))
-
-
-_OUR_KEYS = re.compile(r"^configuration: ((panels|camera|robot)\.|(?=odometry\.))")
 
 
 class Decoder:

@@ -1,23 +1,18 @@
-"""A panel that was read, as a program uses it."""
+"""A panel that was read, and the robot's place, as a program uses them."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion
-from ledpi.core.records import Floats, MarkerPose, PlanarSolution
+from ledpi.core.records import Floats, MarkerPose, PlanarSolution, RobotFix
 
 # An upright panel that faces the camera: the marker's x, y, z (right, up, out of it) along the camera's x, −y, −z.
 _FACING = np.diag([1.0, -1.0, -1.0])
-
-_PLAIN = (
-    *("id", "corners_px", "margin", "frames_used", "time_ns"),
-    *("position_m", "quaternion_wxyz", "covariance"),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,11 +61,8 @@ class Marker:
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers, lists and None only, as JSON has them, under the names of the attributes."""
-        values = {
-            name: value.tolist() if isinstance(value := getattr(self, name), np.ndarray) else value
-            for name in (*_PLAIN, "distance_m", "yaw", "pitch", "roll")
-        }
-        return values | {"mirrored": None if self.mirrored is None else self.mirrored.to_dict()}
+        angles = {name: getattr(self, name) for name in ("distance_m", "yaw", "pitch", "roll")}
+        return _plain(self) | angles | {"mirrored": None if self.mirrored is None else self.mirrored.to_dict()}
 
     def _turned(self) -> Floats | None:
         """The rotation from the upright panel that faces the camera: yaw about y · pitch about x · roll about z."""
@@ -99,4 +91,50 @@ def _marker(decoded: MarkerPose, solution: PlanarSolution | None, mirrored: Mark
         quaternion_wxyz=None if pose is None else pose.quaternion_wxyz,
         covariance=None if pose is None else pose.covariance,
         mirrored=mirrored,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fix:
+    """The robot's pose in the map, map_from_base_link: x ahead, y left, z up. The arrays are read-only."""
+
+    position_m: Floats  # (3,)
+    quaternion_wxyz: Floats  # (4,) unit length
+    covariance: Floats | None  # (6, 6): x y z (m²), rotation about the map's x y z (rad²)
+    panels_used: tuple[int, ...]
+    panels_rejected: tuple[int, ...]  # those that contradict the others
+    time_ns: int  # on the clock of the time that came with the picture
+
+    @property
+    def heading(self) -> float:
+        """Radians about the map's z axis: 0 looks along x, positive turns towards y."""
+        turned = matrix_from_quaternion(self.quaternion_wxyz)
+        return math.atan2(turned[1, 0], turned[0, 0])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers, lists and None only, as JSON has them."""
+        return _plain(self) | {"heading": self.heading}
+
+
+def _plain(record: Marker | Fix) -> dict[str, Any]:
+    """The fields that are not records of their own."""
+    values = {field.name: getattr(record, field.name) for field in fields(record) if field.name != "mirrored"}
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else list(value) if isinstance(value, tuple) else value
+        for name, value in values.items()
+    }
+
+
+def fix_of(decoded: RobotFix | None) -> Fix | None:
+    """The decoder's record, as a program uses it."""
+    if decoded is None:
+        return None
+    pose = decoded.map_from_base_link
+    return Fix(
+        position_m=pose.position_m,
+        quaternion_wxyz=pose.quaternion_wxyz,
+        covariance=pose.covariance,
+        panels_used=decoded.panels_used,
+        panels_rejected=decoded.panels_rejected,
+        time_ns=decoded.mid_exposure_ns,
     )

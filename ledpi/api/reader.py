@@ -1,31 +1,159 @@
-"""Reads panels in pictures that each stand alone."""
+"""Reads panels in pictures that each stand alone, and in those of one camera, one after another."""
 
 from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from ledpi.api.drawn import drawn
-from ledpi.api.exposed import Decoder, Exposure, Panels, Read, check_exposure, override
-from ledpi.api.fix import Fix
+import numpy as np
+
+from ledpi.api.exposed import (
+    Decoder,
+    Exposure,
+    Image,
+    OneAtATime,
+    Panels,
+    Read,
+    Reason,
+    check_exposure,
+    checked_picture,
+    override,
+)
 from ledpi.api.lens import Lens
-from ledpi.api.marker import Marker
-from ledpi.api.picture import Image, OneAtATime, checked_picture
-from ledpi.api.reason import Reason
-from ledpi.api.stream import Stream
+from ledpi.api.marker import Fix, Marker
+from ledpi.api.state import State, Whereabouts, whole_ns
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.robot import load_robot
-from ledpi.core.errors import ConfigError
+from ledpi.config.panels import PanelSettings
+from ledpi.config.robot import load_own_map
+from ledpi.core.errors import ConfigError, PictureError
 from ledpi.core.records import Intrinsics, Phase, Pixels, RowsFrom, Transfer
 from ledpi.core.wording import shortened
+from ledpi.diagnosis.drawing import DIMMED, Placed, draw_markers
 
 EXPOSURE_US = 10_000.0  # where a program does not say: the configuration's default
 
 
-class Reader:
+def drawn(panels: Panels, picture: Pixels, markers: Sequence[Marker]) -> Pixels:
+    """(height, width, 3), blue, green, red, as OpenCV shows and writes it: cells, outline, axes and ID of each."""
+    settings, lens = _settings(panels), panels.lens_for(picture)
+    words = settings.words
+    canvas = np.repeat((picture * DIMMED).astype(np.uint8)[..., None], 3, axis=2)
+    placed = [
+        Placed(
+            marker_id=marker.id,
+            corners_px=marker.corners_px,
+            word=words.codeword(marker.id),
+            side_m=settings.spec(marker.id).side_m,
+            position_m=marker.position_m,
+            quaternion_wxyz=marker.quaternion_wxyz,
+        )
+        for marker in markers
+    ]
+    draw_markers(canvas, placed, lens)
+    return canvas
+
+
+@lru_cache(maxsize=8)
+def _settings(panels: Panels) -> PanelSettings:
+    """Kept, as making them takes longer than the drawing."""
+    return panels.config().panels
+
+
+class _Reading:
+    """A reader or a stream: the panels that it looks for, and what the last picture gave."""
+
+    def __init__(self, panels: Panels, what: str) -> None:
+        self._panels, self._guard = panels, OneAtATime(what)
+        self._read: Read | None = None
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Counts what in the last picture was no marker, by its reason of docs/troubleshooting.md."""
+        return {} if self._read is None else dict(self._read.rejected)
+
+    @property
+    def fix(self) -> Fix | None:
+        """Tells where the robot is by the last picture; None where that does not say, or there is no map."""
+        return None if self._read is None else self._read.fix
+
+    def draw(self, image: Image, markers: Sequence[Marker]) -> Pixels:
+        """The picture in colour (blue, green, red), with cells, axes and ID of each of its markers.
+
+        `markers` are those that `read` gave for this picture. Raises PictureError as `read` does.
+        """
+        return drawn(self._panels, checked_picture(image), markers)
+
+
+class Stream(_Reading):
+    """Remembers the panels of earlier pictures. Made by `Reader.stream`; not shared between threads."""
+
+    def __init__(self, panels: Panels, exposure: Exposure) -> None:
+        super().__init__(panels, "stream")
+        self._exposure = exposure
+        self._decoder: Decoder | None = None  # of the first picture's size
+        self._seq = 0
+        self._last_ns: int | None = None
+        self._whereabouts = Whereabouts(panels.config())
+
+    def read(self, image: Image, *, time_ns: int) -> list[Marker]:
+        """The markers in the next picture, the surest first.
+
+        `image` is as for `Reader.read`. `time_ns` is when row 0's read-out began, in nanoseconds of any one clock, as
+        exact as the camera tells it: to 20 µs, as the panels' blinking is followed from picture to picture. Pictures
+        may be left out; after half a second without one, all begins anew.
+
+        Raises PictureError, a ValueError, for another picture, another size than the first one's or the lens's, or a
+        time that is not after the one before; the stream goes on as if there had been none. So does
+        another thread that calls it meanwhile.
+        """
+        with self._guard:
+            return self._next(image, time_ns)
+
+    def add_odometry(
+        self,
+        *,
+        time_ns: int,
+        left_m: float | None = None,
+        right_m: float | None = None,
+        yaw_rad: float | None = None,
+        restarted: bool = False,
+        lifted: bool = False,
+        slipping: bool = False,
+    ) -> str | None:
+        """Takes how the robot moved: totals that run on, of each wheel's way ahead, and of a gyro's angle to the left.
+
+        `time_ns` is on the clock of the pictures; up to 2 s late, in any order. `restarted`: the totals begin anew;
+        `lifted`: the robot may be anywhere; `slipping`: the wheels tell nothing since the message before. Returns why
+        it is not used, a reason of docs/troubleshooting.md. Raises PictureError for what is no number.
+        """
+        with self._guard:
+            totals = {"left_m": left_m, "right_m": right_m, "yaw_rad": yaw_rad}
+            flags = {"restarted": restarted, "lifted": lifted, "slipping": slipping}
+            return self._whereabouts.add_odometry(time_ns, totals, flags)
+
+    def state(self, time_ns: int) -> State | None:
+        """Tells where the robot is at a time, between pictures, too; None where that is not known, or without a map."""
+        with self._guard:
+            return self._whereabouts.at(time_ns)
+
+    def _next(self, image: Image, time_ns: int) -> list[Marker]:
+        picture = checked_picture(image)
+        time_ns = whole_ns(time_ns)
+        if self._last_ns is not None and time_ns <= self._last_ns:
+            raise PictureError(f"time_ns: must be after the picture's before, {self._last_ns}, not {time_ns}")
+        if self._decoder is None:
+            self._decoder = Decoder(self._panels, self._exposure, picture, stream=True)
+        self._read = self._decoder.read(picture, self._seq, time_ns)
+        self._seq, self._last_ns = self._seq + 1, time_ns
+        self._whereabouts.add_markers(self._read.poses)
+        return list(self._read.markers)
+
+
+class Reader(_Reading):
     """Knows the panels and the lens. Not shared between threads.
 
     `side_m` is the outer edge of the lit grid, in metres. `lens` is the path of a camera.yaml, ours or another tool's,
@@ -78,21 +206,9 @@ class Reader:
             override("camera.transfer", transfer),
             override("camera.rows_from", rows_from),
         )
-        self._panels = Panels(overrides=values, lens=_intrinsics(lens))
-        load_robot(self._panels.config())  # checked here, where they are given
+        super().__init__(Panels(overrides=values, lens=_intrinsics(lens)), "reader")
+        load_own_map(self._panels.config())  # checked here, where they are given
         self._decoder: tuple[object, Decoder] | None = None  # of the last picture's kind
-        self._read: Read | None = None
-        self._guard = OneAtATime("reader")
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Counts what in the last picture was no marker, by its reason of docs/troubleshooting.md."""
-        return {} if self._read is None else dict(self._read.rejected)
-
-    @property
-    def fix(self) -> Fix | None:
-        """Tells where the robot is by the last picture; None where that does not say, or there is no map."""
-        return None if self._read is None else self._read.fix
 
     def read(self, image: Image, *, row_time_us: float, exposure_us: float = EXPOSURE_US) -> list[Marker]:
         """The markers in one picture, by itself, the surest first.
@@ -117,13 +233,6 @@ class Reader:
         with self._guard:
             picture = checked_picture(image)
             return self._decoder_of(picture, row_time_us, exposure_us).why_not(picture)
-
-    def draw(self, image: Image, markers: Sequence[Marker]) -> Pixels:
-        """The picture in colour (blue, green, red), with cells, axes and ID of each of its markers.
-
-        `markers` are those that `read` gave for this picture. Raises PictureError as `read` does.
-        """
-        return drawn(self._panels, checked_picture(image), markers)
 
     def _decoder_of(self, picture: Pixels, row_time_us: float, exposure_us: float) -> Decoder:
         kind = (picture.shape, row_time_us, exposure_us)

@@ -6,11 +6,11 @@ import operator
 from dataclasses import dataclass
 from typing import Any
 
-from ledpi.config.robot import load_robot
 from ledpi.config.settings import Config
 from ledpi.core.errors import PictureError
 from ledpi.core.records import Floats, MarkerPose, Rejected
 from ledpi.core.wording import shortened
+from ledpi.pipeline.of_config import load_robot
 from ledpi.state import estimator
 from ledpi.state.inputs import Odometry
 

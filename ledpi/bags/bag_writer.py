@@ -9,8 +9,8 @@ from typing import Any
 
 from typing_extensions import Self
 
+from ledpi.bags.contents import CAMERA_FRAME, CAMERA_INFO, DECODED, FRAME, IMAGE, METADATA, TRUTH
 from ledpi.bags.mcap_writer import McapWriter
-from ledpi.bags.names import CAMERA_FRAME, CAMERA_INFO, DECODED, FRAME, IMAGE, METADATA, TRUTH
 from ledpi.core.records import CameraInfo, Decoded, Frame, PanelSpec
 from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.markers.dictionaries import is_file

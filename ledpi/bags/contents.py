@@ -1,4 +1,4 @@
-"""A bag's messages as pictures and a lens. Everything of theirs passes the models here."""
+"""Contents of messages of others, checked, and the names of topics."""
 
 from __future__ import annotations
 
@@ -16,6 +16,13 @@ from ledpi.config.values import MAX_SIDE_PX, Finite, SidePx
 from ledpi.core.errors import CalibrationError, RecordingError
 from ledpi.core.records import Intrinsics, Pixels
 from ledpi.core.wording import shortened_name
+
+IMAGE = "/camera/image_raw/compressed"
+CAMERA_INFO = "/camera/camera_info"
+# std_msgs/String: a line of frames.jsonl, of truth.jsonl, and what the tap tells of each frame.
+FRAME, TRUTH, DECODED = "/ledpi/frame", "/ledpi/truth", "/ledpi/decoded"
+METADATA = "ledpi.recording"  # the bag's metadata of this name holds recording.yaml, and a dictionary's file
+CAMERA_FRAME = "camera_optical_frame"
 
 # Encodings of ROS's camera drivers: bytes a pixel, and where the luma is in them.
 _IN_PLACE = {

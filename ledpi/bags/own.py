@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
-from ledpi.bags.contents import Compressed, Text, checked
-from ledpi.bags.names import FRAME, IMAGE, METADATA, TRUTH
+from ledpi.bags.contents import FRAME, IMAGE, METADATA, TRUTH, Compressed, Text, checked
 from ledpi.bags.reading import Item
 from ledpi.core.errors import LedpiError, RecordingError
 from ledpi.core.files import not_written, parse_json

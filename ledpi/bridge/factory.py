@@ -12,9 +12,9 @@ from ledpi.wire.mavlink import load_dialect
 
 # By kind: the module and class, and the extra of pyproject.toml that brings what it imports.
 TARGETS: dict[Kind, tuple[str, str, str | None]] = {
-    "stdout": ("stdout", "StdoutTarget", None),
-    "udp": ("datagrams", "UdpTarget", None),
-    "tcp": ("stream", "TcpTarget", None),
+    "stdout": ("sockets", "StdoutTarget", None),
+    "udp": ("sockets", "UdpTarget", None),
+    "tcp": ("sockets", "TcpTarget", None),
     "mqtt": ("mqtt", "MqttTarget", "mqtt"),
     "nt": ("nt", "NtTarget", "nt"),
     "zenoh": ("zenoh_ros", "ZenohTarget", "zenoh"),

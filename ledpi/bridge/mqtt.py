@@ -22,10 +22,9 @@ import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
 from ledpi.bridge.payload import JsonPayload, with_age, with_host
-from ledpi.bridge.sockets import keep_nothing_old, lost
+from ledpi.bridge.sockets import keep_nothing_old, lost, refused
 from ledpi.bridge.target import CONNECT_S, UNANSWERED_MS, BridgeError, Line, TargetLostError
-from ledpi.bridge.tls import refused
-from ledpi.config.output_files import read_password, tls_context
+from ledpi.config.named_files import read_password, tls_context
 from ledpi.config.outputs import OutputSettings
 from ledpi.core.wording import shortened_name
 from ledpi.runtime.reporting import event

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 
 from ledpi.bridge.target import Line
-from ledpi.bridge.wpilib_poses import pose_of
+from ledpi.bridge.wpilib_values import pose_of
 from ledpi.config.outputs import OutputSettings
 from ledpi.core.errors import WireError
 from ledpi.tap.protocol import write_line

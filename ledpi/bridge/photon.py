@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.bridge.wpilib_poses import camera_link_from_tag, pose_of
+from ledpi.bridge.wpilib_values import camera_link_from_tag, pose_of
 from ledpi.core.geometry import (
     matrix_from_quaternion,
     matrix_from_rpy_deg,

@@ -1,14 +1,21 @@
-"""A frame as WPILib's values, for NetworkTables and for data logs. docs/networktables.md has their names. Pure."""
+"""A frame as WPILib's values and poses, for NetworkTables and data logs: docs/networktables.md names them. Pure."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from ledpi.bridge.target import Line
-from ledpi.bridge.wpilib_poses import camera_link_from_tag, pose_of
-from ledpi.core.records import Pose
+from ledpi.core.geometry import (
+    CAMERA_LINK_FROM_CAMERA,
+    FACING_FROM_MARKER,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
+from ledpi.core.records import Floats, Pose
 from ledpi.wire.message import wire_pose
 
 # WPILib's schemas of what is packed below, for dashboards to show it.
@@ -19,6 +26,35 @@ SCHEMAS = {
     "Pose3d": "Translation3d translation;Rotation3d rotation",
 }
 _POSE3D = struct.Struct("<7d")
+
+
+def pose_of(values: dict[str, Any]) -> Pose:
+    """The pose of a marker, an alternate or a robot of the tap, as a record."""
+    covariance = values.get("covariance")
+    return Pose(
+        position_m=np.array(values["position_m"]),
+        quaternion_wxyz=np.array(values["quaternion_wxyz"]),
+        covariance=None if covariance is None else np.array(covariance).reshape(6, 6),
+    )
+
+
+def camera_link_from_tag(camera_from_marker: Pose) -> Pose:
+    """The same pose in WPILib's frames; its covariance is turned likewise."""
+    turn = CAMERA_LINK_FROM_CAMERA
+    rotation = turn @ matrix_from_quaternion(camera_from_marker.quaternion_wxyz) @ FACING_FROM_MARKER.T
+    covariance = camera_from_marker.covariance
+    return Pose(
+        position_m=turn @ camera_from_marker.position_m,
+        quaternion_wxyz=quaternion_from_matrix(rotation),
+        covariance=None if covariance is None else _both(turn) @ covariance @ _both(turn).T,
+    )
+
+
+def _both(rotation: Floats) -> Floats:
+    """(6, 6) the rotation of positions and of rotations."""
+    both = np.zeros((6, 6))
+    both[:3, :3] = both[3:, 3:] = rotation
+    return both
 
 
 class Value(NamedTuple):

@@ -14,11 +14,18 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
-from ledpi.camera.capture_settings import check_limits, check_mode, fixed_controls, frame_rows, row_time
+from ledpi.camera.capture_settings import (
+    BIT_DEPTH,
+    MODE,
+    check_limits,
+    check_mode,
+    fixed_controls,
+    frame_rows,
+    row_time,
+)
 from ledpi.camera.gain import FIRST_GAIN
 from ledpi.camera.picamera_stream import ASKED_AHEAD, FAILURES, PicameraCamera
 from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version, unforeseen, versions
-from ledpi.camera.sensors import BIT_DEPTH, MODE
 from ledpi.camera.timing import frame_duration_us
 from ledpi.camera.tuning import linear_tuning, white_gains
 from ledpi.config.settings import CameraSettings

@@ -6,7 +6,11 @@ import io
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any, NoReturn
 
 # Matrices and pictures here are small: a second thread costs more to wake than it saves (a busy core made the edges of
@@ -20,6 +24,8 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's AV_LOG_QUIET
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "25000000")  # the square of config.values.MAX_SIDE_PX
 
 import typer
+from typer.core import TyperCommand
+from typer.main import get_command
 
 from ledpi import __version__
 from ledpi.core.errors import LedpiError, TransientError
@@ -43,6 +49,36 @@ app = typer.Typer(
 )
 
 
+# The options that most commands have: `config: Path | None = CONFIG, set_: list[str] = SET`.
+CONFIG: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml.")
+SET: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration.")
+METHOD: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura.")
+
+# Each command's line in the help of all, where no other module is loaded.
+COMMANDS = {
+    "backup": "Configuration, lens, map and udev rule → one file.",
+    "bridge": "Send poses to MQTT, NetworkTables, ROS 2, MAVLink, UDP or TCP.",
+    "decode": "Recordings or pictures → one JSON object a frame.",
+    "doctor": "One page of ✓ and ✗, each ✗ with what to do.",
+    "evaluate": "Measure how often and how exactly your own panel is read.",
+    "export": "A recording as an MCAP bag, with what was read and where.",
+    "import": "A bag or a video as a recording, for `ledpi decode`.",
+    "monitor": "Watch the running daemon, or print the serial stream.",
+    "record": "Record the camera at its full rate, and decode live meanwhile.",
+    "restore": "Put back what `ledpi backup` saved.",
+    "rewind": "Save the running daemon's last seconds as a recording.",
+    "run": "The daemon: camera to serial line, until Ctrl-C or SIGTERM.",
+    "simulate": "Simulated panels → a recording, with the truth.",
+    "snapshot": "One frame as an annotated picture.",
+    "view": "A web page of what the running daemon sees.",
+    "calibrate": "Measure the camera and the panels.",
+    "config": "Write, show, check and change config.yaml.",
+    "map": "Maps of panels, from and to WPILib's AprilTag field layout.",
+    "panel": "Design and build panels.",
+}
+_MODULES = {"import": "bags", "export": "bags", "restore": "backup"}  # that are not called as their command
+
+
 def _show_version(asked: bool) -> None:
     if asked:
         typer.echo(f"ledpi {__version__}")
@@ -54,6 +90,23 @@ def _ledpi(
     version: bool = typer.Option(False, "--version", is_eager=True, callback=_show_version, help="Show the version."),
 ) -> None:
     """Answers what can be asked without a command."""
+
+
+@contextmanager
+def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Shows a bar on standard error, where that is a terminal. Yields the function that says how many more are done."""
+    if not sys.stderr.isatty():
+        yield lambda count: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    # rich prints standard output above the bar, by way of its console; where that is a file it would stay empty.
+    shared = sys.stdout.isatty()
+    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=shared) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda count: bar.advance(task, count)
 
 
 def main(loaded: Callable[[], None] = lambda: None, command: typer.Typer = app, name: str = "ledpi") -> None:
@@ -69,8 +122,9 @@ def main(loaded: Callable[[], None] = lambda: None, command: typer.Typer = app, 
     try:
         _add_commands()
         loaded()
-        try:
-            status = command(prog_name=name, standalone_mode=False)  # by itself it says in four lines what is wrong
+        group = get_command(command)
+        try:  # by itself it says in four lines what is wrong
+            status = (_with_all(group) if command is app else group)(prog_name=name, standalone_mode=False)
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, as Python itself could only print a traceback at the end
@@ -97,36 +151,20 @@ class _OneLine(logging.Formatter):
 
 
 def _add_commands() -> None:
-    from ledpi.cli import (  # noqa: F401, each adds its command to `app`
-        backup,
-        bridge,
-        calibrate,
-        calibrate_board,
-        calibrate_camera,
-        calibrate_map,
-        calibrate_panel,
-        calibrate_shutter,
-        config,
-        decode,
-        doctor,
-        evaluate,
-        export,
-        import_,
-        map,
-        monitor,
-        panel,
-        panel_design,
-        panel_firmware,
-        panel_sheet,
-        record,
-        rewind,
-        run,
-        simulate,
-        snapshot,
-        view,
-    )
+    """Imports the modules of the commands that are named, or to be completed: what computes takes a second to load."""
+    completed = (os.environ.get(name, "") for name in ("COMP_WORDS", "_TYPER_COMPLETE_ARGS"))
+    words = {*sys.argv, *" ".join(completed).split()}
+    for module in {_MODULES.get(name, name) for name in COMMANDS if name in words}:
+        for part in iter_modules(__path__):  # a group has one for each of its commands, too
+            if part.name == module or part.name.startswith(f"{module}_"):
+                import_module(f"ledpi.cli.{part.name}")
 
-    app.registered_commands.sort(key=lambda command: command.callback.__name__ if command.callback else "")
+
+def _with_all(group: Any) -> Any:
+    """Gives the others a place in the help, with a line each."""
+    for name, line in COMMANDS.items():
+        group.commands[name] = group.commands.pop(name, None) or TyperCommand(name, help=line)
+    return group
 
 
 def _end_usage(error: Any) -> NoReturn:

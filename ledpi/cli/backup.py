@@ -5,21 +5,23 @@ from __future__ import annotations
 import os
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
-from ledpi.cli import app
+from ledpi.cli import CONFIG, app
+from ledpi.config.named_files import meant, passwords
+from ledpi.config.settings import find_config, found_config
+from ledpi.core.errors import ConfigError
+from ledpi.core.files import read_bytes
 from ledpi.core.wording import one_line
-
-if TYPE_CHECKING:
-    from ledpi.tools.backup import Backup
+from ledpi.tools.backup import MAX_BYTES, Backup, collect, enabled_units, is_service, left_out, pack, to_write, unpack
+from ledpi.tools.calibrate.files import write_keeping_old
 
 
 @app.command()
 def backup(
     out: Path = typer.Argument(metavar="FILE", help="File to write. An older one is kept as FILE.bak-1."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    config: Path | None = CONFIG,
 ) -> None:
     """Configuration, lens, map and udev rule → one file.
 
@@ -29,10 +31,6 @@ def backup(
 
     Example: ledpi backup robot.ledpi
     """
-    from ledpi.config.settings import found_config
-    from ledpi.tools.backup import collect, enabled_units, is_service, left_out, pack
-    from ledpi.tools.calibrate.files import write_keeping_old
-
     source = found_config(config)
     files = collect(source)
     units = enabled_units() if is_service(source) else []
@@ -61,12 +59,6 @@ def restore(
 
     Example: ledpi restore robot.ledpi --config /etc/ledpi/config.yaml
     """
-    from ledpi.config.settings import find_config
-    from ledpi.core.errors import ConfigError
-    from ledpi.core.files import read_bytes
-    from ledpi.tools.backup import MAX_BYTES, to_write, unpack
-    from ledpi.tools.calibrate.files import write_keeping_old
-
     saved, main = unpack(read_bytes(path, ConfigError, MAX_BYTES), path), find_config(config) or Path("config.yaml")
     changed = to_write(saved, main, path)
     typer.echo(f"{path}: made {saved.made} by ledpi {saved.made_by}")
@@ -80,9 +72,6 @@ def restore(
 
 def _tell_what_is_left(saved: Backup, main: Path, *, rule_changed: bool) -> None:
     """Says what a person must do: no password is in a backup, and no unit is enabled by it."""
-    from ledpi.config.named_files import meant, passwords
-    from ledpi.tools.backup import is_service
-
     for _, raw in saved.configurations():
         for key, path in passwords(raw):
             file = meant(main, path)

@@ -7,14 +7,21 @@ from pathlib import Path
 
 import typer
 
-from ledpi.cli import app
+from ledpi.bridge.bridge import Bridge
+from ledpi.bridge.factory import open_target
+from ledpi.cli import CONFIG, SET, app
+from ledpi.config.settings import find_config, load_config
+from ledpi.core.errors import ConfigError
+from ledpi.runtime.reporting import log_to_standard_error
+from ledpi.tap.of_config import of_config
+from ledpi.tap.places import AUTO
 
 
 @app.command()
 def bridge(
     name: str = typer.Argument(metavar="NAME", help="One of `outputs` in the configuration."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """Send poses to MQTT, NetworkTables, ROS 2, MAVLink, UDP or TCP.
 
@@ -25,14 +32,6 @@ def bridge(
 
     Example: ledpi bridge field --set 'outputs={field: {kind: udp, host: 10.0.0.2, port: 5000}}'
     """
-    from ledpi.bridge.bridge import Bridge
-    from ledpi.bridge.factory import open_target
-    from ledpi.config.settings import find_config, load_config
-    from ledpi.core.errors import ConfigError
-    from ledpi.runtime.reporting import log_to_standard_error
-    from ledpi.tap.of_config import of_config
-    from ledpi.tap.places import AUTO
-
     log_to_standard_error()
     settings = load_config(find_config(config), tuple(set_), without_file=("panels.side_m=1",))
     socket_path = of_config(settings)

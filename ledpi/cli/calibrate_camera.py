@@ -7,21 +7,37 @@ from dataclasses import dataclass
 from datetime import date
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import cv2
 import typer
 
-from ledpi.cli.calibrate import calibrate, name_in_config, read_grey, settings_for
-from ledpi.cli.calibrate_board import DEFAULT_COLS, DEFAULT_KIND, DEFAULT_ROWS, KindName
-from ledpi.cli.progress import progress
+from ledpi.camera.base import Camera
+from ledpi.camera.factory import open_camera
+from ledpi.cli import CONFIG, SET, progress
+from ledpi.cli.calibrate import (
+    DEFAULT_COLS,
+    DEFAULT_KIND,
+    DEFAULT_ROWS,
+    KindName,
+    calibrate,
+    name_in_config,
+    older,
+    read_grey,
+    settings_for,
+)
+from ledpi.config.camera_yaml import camera_yaml_text, own_section
+from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.wording import counted
-
-if TYPE_CHECKING:
-    from ledpi.camera.base import Camera
-    from ledpi.config.settings import Config
-    from ledpi.tools.calibrate.boards import Board, BoardView
-    from ledpi.tools.calibrate.camera import CameraCalibration
+from ledpi.recording.format import HEADER_FILE
+from ledpi.recording.still import SUFFIXES
+from ledpi.tools.calibrate.boards import Board, BoardFinder, BoardView, other_board
+from ledpi.tools.calibrate.camera import CameraCalibration, calibrate_camera, parameters
+from ledpi.tools.calibrate.camera import quality as quality_of
+from ledpi.tools.calibrate.collecting import corner_counts, draw_coverage, places_without_corners
+from ledpi.tools.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
+from ledpi.tools.calibrate.taking import collect_views
 
 
 class ModelName(str, Enum):
@@ -46,8 +62,8 @@ def camera(
     rows: int = typer.Option(DEFAULT_ROWS, min=3, max=20, help="Inner corners along the other."),
     model: ModelName | None = typer.Option(None, "--model", help="Lens model. Default: the one that the views need."),
     out: Path = typer.Option(Path("camera.yaml"), help="File to write; an older one is kept as NAME.bak-1."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """Views of a ChArUco board or chessboard → camera.yaml.
 
@@ -61,12 +77,6 @@ def camera(
 
     Example: ledpi calibrate camera pictures --board chessboard --cols 9 --rows 6
     """
-    from ledpi.recording.format import HEADER_FILE
-    from ledpi.tools.calibrate.boards import Board
-    from ledpi.tools.calibrate.camera import calibrate_camera
-    from ledpi.tools.calibrate.config_file import check_changeable
-    from ledpi.tools.calibrate.files import check_with_picture
-
     check_with_picture(out)
     board = Board(columns=cols, rows=rows, kind=kind.value)
     is_recording = folder is not None and (folder / HEADER_FILE).is_file()
@@ -101,9 +111,6 @@ def _is_replay(settings: Config) -> bool:
 
 
 def _live_views(settings: Config, board: Board) -> _Found:
-    from ledpi.camera.factory import open_camera
-    from ledpi.tools.calibrate.live_board import collect_views
-
     replay = _is_replay(settings)
 
     def open_at(exposure: tuple[float, float] | None) -> Camera:
@@ -117,8 +124,6 @@ def _live_views(settings: Config, board: Board) -> _Found:
 
 
 def _views_in(folder: Path, board: Board) -> _Found:
-    from ledpi.tools.calibrate.boards import BoardFinder, other_board
-
     views: list[BoardView] = []
     others: Counter[str] = Counter()
     first: tuple[str, int, int] | None = None
@@ -166,8 +171,6 @@ def _no_board(board: Board, pictures: int, others: Counter[str]) -> str:
 
 
 def _picture_files(folder: Path) -> list[Path]:
-    from ledpi.recording.still import SUFFIXES
-
     try:
         found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
     except OSError as error:
@@ -179,9 +182,6 @@ def _picture_files(folder: Path) -> list[Path]:
 
 
 def _report(result: CameraCalibration) -> None:
-    from ledpi.tools.calibrate.camera import parameters
-    from ledpi.tools.calibrate.coverage import corner_counts, places_without_corners
-
     for view in result.used:
         typer.echo(f"{view.name}  {view.rms_px:.2f} px")
     for view in result.dropped:
@@ -200,13 +200,6 @@ def _report(result: CameraCalibration) -> None:
 
 def _write(out: Path, result: CameraCalibration) -> list[str]:
     """Writes camera.yaml and its picture; returns what to say of that."""
-    import cv2
-
-    from ledpi.config.camera_yaml import camera_yaml_text, own_section
-    from ledpi.tools.calibrate.camera import quality as quality_of
-    from ledpi.tools.calibrate.coverage import draw_coverage
-    from ledpi.tools.calibrate.files import picture_beside, write_keeping_old
-
     quality: dict[str, Any] = {
         "calibrated": date.today(),
         **quality_of(result),
@@ -215,10 +208,10 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
     if "shutter" in before:  # what `ledpi calibrate shutter` measured does not change with the lens
         quality["shutter"] = before["shutter"]
     kept = write_keeping_old(out, camera_yaml_text(result.intrinsics, quality))
-    lines = [f"{out} written" + (f"; the older one is kept as {kept}" if kept else "")]
+    lines = [f"{out} written{older(kept)}"]
     picture = picture_beside(out)
     kept = write_keeping_old(picture, cv2.imencode(".png", draw_coverage(result))[1].tobytes())
-    return [*lines, f"{picture}: where the corners were" + (f"; the older one is kept as {kept}" if kept else "")]
+    return [*lines, f"{picture}: where the corners were{older(kept)}"]
 
 
 def _name_in_config(settings: Config, file: Path | None, out: Path, size: tuple[int, int]) -> str:

@@ -6,18 +6,27 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import typer
 
+from ledpi.camera.recording import RecordingCamera
+from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import calibrate, name_in_config, settings_for
-from ledpi.cli.progress import progress
+from ledpi.config.camera_yaml import lens_of
+from ledpi.config.map_yaml import map_text
+from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
+from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
+from ledpi.core.records import Frame, Intrinsics
 from ledpi.core.wording import install_command
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.overrides import load_recording_with
+from ledpi.tools.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
+from ledpi.tools.calibrate.map_views import View, view_of
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import Config
-    from ledpi.core.records import Intrinsics
     from ledpi.tools.calibrate.map import MapCalibration
-    from ledpi.tools.calibrate.map_views import View
 
 
 @calibrate.command("map")
@@ -27,8 +36,8 @@ def map_(
     origin: int | None = typer.Option(None, help="ID of the panel at the map's origin. Default: the lowest."),
     position: tuple[float, float, float] = typer.Option((0, 0, 0), help="Position of that panel: x y z in metres."),
     yaw_deg: float = typer.Option(0, help="Direction that it faces: 0 along x, 90 along y."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """A drive past the panels → markers.yaml.
 
@@ -39,17 +48,11 @@ def map_(
 
     Example: ledpi calibrate map drive --origin 7 --position 4 1.2 1.5 --yaw-deg 180
     """
-    import numpy as np
-
-    try:
+    try:  # what is missing is told before the long work
         from ledpi.tools.calibrate.map import calibrate_map
-        from ledpi.tools.calibrate.map_picture import map_picture  # noqa: F401, missing is told before the long work
+        from ledpi.tools.calibrate.map_picture import map_picture
     except ImportError as error:
         raise CalibrationError(f"{error.name} is missing: {install_command('calibrate')}") from None
-    from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
-    from ledpi.tools.calibrate.config_file import check_changeable
-    from ledpi.tools.calibrate.files import check_with_picture
-
     if not all(math.isfinite(value) for value in (*position, yaw_deg)):
         raise CalibrationError("--position, --yaw-deg: must be finite numbers")
     check_with_picture(out)
@@ -64,22 +67,12 @@ def map_(
     except CalibrationError as error:
         raise CalibrationError(f"{recording}: {error}") from None
     _report(result, len(views))
-    _write(result, out, recording)
+    _write(result, map_picture(result), out, recording)
     typer.echo(_named(settings, file, out))
 
 
 def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, float], Intrinsics]:
     """Reads a drive: what each frame shows, every panel's size, and the lens."""
-    import numpy as np
-
-    from ledpi.camera.recording import RecordingCamera
-    from ledpi.config.camera_yaml import lens_of
-    from ledpi.core.records import Frame
-    from ledpi.markers.dictionaries import load_dictionary
-    from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.recording.overrides import load_recording_with
-    from ledpi.tools.calibrate.map_views import view_of
-
     loaded = load_recording_with(settings, recording)
     camera = RecordingCamera(loaded, paced=False)
     views: list[View] = []
@@ -115,17 +108,12 @@ def _report(result: MapCalibration, frames: int) -> None:
     )
 
 
-def _write(result: MapCalibration, out: Path, recording: Path) -> None:
-    from ledpi.config.map_yaml import map_text
-    from ledpi.tools.calibrate.files import picture_beside, write_keeping_old
-    from ledpi.tools.calibrate.map_picture import map_picture
-
+def _write(result: MapCalibration, drawn: bytes, out: Path, recording: Path) -> None:
     comment = (
         f"Panels as `ledpi calibrate map` placed them from {recording.name}; panel {result.origin} is the origin.\n"
         f"Deviations are relative to it."
     )
     picture = picture_beside(out)
-    drawn = map_picture(result)
     kept = write_keeping_old(out, map_text(result.panels, comment))
     write_keeping_old(picture, drawn)
     typer.echo(f"{out} and {picture} written" + (f"; the older ones are kept ({kept})" if kept else ""))

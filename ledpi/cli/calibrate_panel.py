@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import typer
 
-from ledpi.cli.calibrate import announced_specs, calibrate, read_grey, settings_for
-from ledpi.cli.progress import progress
+from ledpi.cli import CONFIG, SET, progress
+from ledpi.cli.calibrate import calibrate, read_grey, settings_for
+from ledpi.config.panels import PanelOverride, PanelSettings
+from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
-
-if TYPE_CHECKING:
-    from ledpi.config.panels import PanelSettings
-    from ledpi.config.settings import Config
-    from ledpi.core.records import Floats, PanelSpec
-    from ledpi.tools.calibrate.band_search import PanelLight
-    from ledpi.tools.calibrate.bands import ClassBands
-    from ledpi.tools.calibrate.panel import PanelCalibration
-    from ledpi.tools.calibrate.taking import Taken
+from ledpi.core.records import Floats, Frame, PanelSpec
+from ledpi.core.shutter import contrast
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.still import SUFFIXES, still_camera
+from ledpi.tools.calibrate.bands import ClassBands, PanelLight
+from ledpi.tools.calibrate.files import Key, change_config, check_changeable
+from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
+from ledpi.tools.calibrate.panel import MAX_LIGHT_SHARE, PanelCalibration, advice, frequency_sigma_hz, measure_panel
+from ledpi.tools.calibrate.still_panels import measure_still, reads, steady_seconds
+from ledpi.tools.calibrate.taking import Taken, take_frames
 
 
 @calibrate.command()
@@ -28,8 +33,8 @@ def panel(
     ),
     frames: int = typer.Option(120, min=20, max=300, help="Frames to take."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and write nothing."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """Measure what the panels in view really blink at → config.yaml.
 
@@ -43,10 +48,6 @@ def panel(
 
     Example: ledpi calibrate panel --frames 120
     """
-    from ledpi.recording.still import SUFFIXES
-    from ledpi.tools.calibrate.config_file import check_changeable
-    from ledpi.tools.calibrate.taking import take_frames
-
     if paths and all(path.suffix.lower() in SUFFIXES for path in paths):
         _measure_lamps(paths, settings_for(config, set_, None)[0])
         return
@@ -65,10 +66,6 @@ def panel(
 
 
 def _measure_lamps(paths: list[Path], settings: Config) -> None:
-    from ledpi.core.records import Frame
-    from ledpi.recording.still import still_camera
-    from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
-
     camera = still_camera(settings.camera)
     seen = 0
     for path in paths:
@@ -90,54 +87,27 @@ def _measure_lamps(paths: list[Path], settings: Config) -> None:
 
 def _measure(taken: Taken, panels: PanelSettings) -> list[tuple[PanelCalibration, Floats]]:
     """Each panel in view as measured and read again by the decoder, with its corners."""
-    from ledpi.markers.dictionaries import load_dictionary
-    from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.tools.calibrate.still_panels import panel_light, still_squares
 
-    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, source_panel=taken.panel, stream=False)
-    panels, cells = pipeline.panels, load_dictionary(pipeline.panels.dictionary).cells_per_side
-    measured, refusals = [], ["no lit square is in view"]
-    for corners in still_squares(taken.frames, pipeline):
-        try:
-            light = panel_light(taken.frames, corners, cells, taken.intrinsics)
-            measured.append((_measure_one(taken, panels, light, corners), corners))
-        except CalibrationError as error:
-            refusals.append(str(error))
-    if measured:
-        return measured
-    announced = panels.spec()
-    hints = _advice((announced.black_hz, announced.white_hz), taken)
-    raise CalibrationError("; ".join([refusals[-1], *hints]))
+    def measure(light: PanelLight, announced: PanelSpec, corners: Floats) -> PanelCalibration:
+        result = measure_panel(
+            light,
+            load_dictionary(panels.dictionary),
+            announced,
+            exposure_us=taken.frames[0].exposure_us,
+            row_time_us=taken.camera.row_time_us,
+        )
+        _check_that_it_reads(taken, panels, result, corners)
+        return result
 
-
-def _measure_one(taken: Taken, panels: PanelSettings, light: PanelLight, corners: Floats) -> PanelCalibration:
-    """As the first pair of announced frequencies that it can be, and that the decoder then reads."""
-    from ledpi.markers.dictionaries import load_dictionary
-    from ledpi.tools.calibrate.panel import measure_panel
-
-    why = CalibrationError("no panel is announced")
-    for announced in announced_specs(panels):
-        try:
-            result = measure_panel(
-                light,
-                load_dictionary(panels.dictionary),
-                announced,
-                exposure_us=taken.frames[0].exposure_us,
-                row_time_us=taken.camera.row_time_us,
-            )
-            _check_that_it_reads(taken, panels, result, corners)
-            return result
-        except CalibrationError as error:
-            why = error
-    raise why
+    panels = panels if taken.panel is None else panels.override_with(taken.panel)
+    measured, why = measure_still(taken, panels, measure)
+    if not measured:
+        hints = _advice((panels.black_hz, panels.white_hz), taken)
+        raise CalibrationError("; ".join([why, *hints]))
+    return measured
 
 
 def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalibration, corners: Floats) -> None:
-    from ledpi.config.panels import PanelOverride
-    from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.tools.calibrate.panel import MAX_LIGHT_SHARE
-    from ledpi.tools.calibrate.still_panels import reads
-
     known = panels.overrides.get(result.id, PanelOverride()).model_copy(update=result.overrides(panels.spec(result.id)))
     with_it = panels.model_copy(update={"overrides": {result.id: known}})
     pipeline = Pipeline(taken.camera, with_it, intrinsics=taken.intrinsics)
@@ -151,9 +121,6 @@ def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalib
 
 
 def _advice(frequencies_hz: tuple[float, float], taken: Taken) -> list[str]:
-    from ledpi.tools.calibrate.panel import advice
-    from ledpi.tools.calibrate.still_panels import steady_seconds
-
     return advice(
         tuple(dict.fromkeys(frequencies_hz)),
         exposure_us=taken.frames[0].exposure_us,
@@ -163,8 +130,6 @@ def _advice(frequencies_hz: tuple[float, float], taken: Taken) -> list[str]:
 
 
 def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, taken: Taken) -> None:
-    from ledpi.tools.calibrate.panel import MAX_LIGHT_SHARE
-
     height = corners[:, 1].max() - corners[:, 1].min()
     typer.echo(f"panel {result.id}: {height:.0f} px high, {len(taken.frames)} frames")
     exposure_us = taken.frames[0].exposure_us
@@ -185,9 +150,6 @@ def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, tak
 
 
 def _class_text(bands: ClassBands, announced_hz: float, exposure_us: float, duty: float, share: float) -> str:
-    from ledpi.core.shutter import contrast
-    from ledpi.tools.calibrate.panel import frequency_sigma_hz
-
     depth = contrast(bands.frequency_hz, exposure_us, duty) * share
     off = bands.frequency_hz / announced_hz - 1
     wander = f", wanders by {bands.wander_hz:.1f} Hz (no crystal?)" if bands.wander_hz > 0 else ""
@@ -198,11 +160,6 @@ def _class_text(bands: ClassBands, announced_hz: float, exposure_us: float, duty
 
 
 def _write(measured: dict[int, PanelCalibration], panels: PanelSettings, file: Path | None) -> None:
-    from datetime import date
-    from typing import Any
-
-    from ledpi.tools.calibrate.config_file import Key, change_config
-
     changes: dict[Key, Any] = {}
     for marker_id, result in measured.items():
         values: dict[str, Any] = {"measured": date.today()}

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import typer
 
-from ledpi.cli.calibrate import announced_specs, calibrate, settings_for
-from ledpi.cli.progress import progress
-from ledpi.core.errors import CalibrationError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from ledpi.config.panels import PanelSettings
-    from ledpi.config.settings import Config
-    from ledpi.core.records import Floats
-    from ledpi.tools.calibrate.shutter import Reported, ShutterCalibration
-    from ledpi.tools.calibrate.taking import Taken
-
+from ledpi.cli import CONFIG, SET, progress
+from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Config
+from ledpi.core.errors import CalibrationError, RowTimeUnknownError
+from ledpi.core.records import Floats, PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.tools.calibrate.bands import PanelLight
+from ledpi.tools.calibrate.files import Key, change_config, check_changeable
+from ledpi.tools.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
+from ledpi.tools.calibrate.still_panels import measure_still, reads
+from ledpi.tools.calibrate.taking import Taken, take_frames
 
 FIRST_ROW_TIME_US = 30.0  # of a camera that does not tell; sensors' rows take 5 to 100
 
@@ -29,8 +32,8 @@ def shutter(
     recording: Path | None = typer.Argument(None, metavar="RECORDING", help="Default: the configured camera, live."),
     frames: int = typer.Option(120, min=20, max=300, help="Frames to take."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and write nothing."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """Row time and real exposure, measured with a panel.
 
@@ -40,9 +43,6 @@ def shutter(
 
     Example: ledpi calibrate shutter --set panels.black_hz=1250 --set panels.white_hz=2450
     """
-    from ledpi.tools.calibrate.config_file import check_changeable
-    from ledpi.tools.calibrate.shutter import Reported
-
     settings, file = settings_for(config, set_, recording)
     if not dry_run:
         check_changeable(*(path for path in (file, settings.camera.intrinsics) if path is not None))
@@ -62,9 +62,6 @@ def shutter(
 
 def _take(settings: Config, frames: int, advance: Callable[[int], None]) -> tuple[Taken, bool]:
     """Frames, and whether camera or configuration tell a row's time. Where none does, any will do to find a panel."""
-    from ledpi.core.errors import RowTimeUnknownError
-    from ledpi.tools.calibrate.taking import take_frames
-
     try:
         return take_frames(settings, frames, advance), True
     except RowTimeUnknownError:
@@ -74,35 +71,22 @@ def _take(settings: Config, frames: int, advance: Callable[[int], None]) -> tupl
 
 def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> ShutterCalibration:
     """By the first square, from the largest on, that is such a panel and that the decoder reads at the new row time."""
-    from ledpi.markers.dictionaries import load_dictionary
-    from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.tools.calibrate.shutter import measure_shutter
-    from ledpi.tools.calibrate.still_panels import panel_light, still_squares
 
-    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, source_panel=taken.panel, stream=False)
-    panels, dictionary = pipeline.panels, load_dictionary(pipeline.panels.dictionary)
-    why = "no lit square is in view"
-    for corners in still_squares(taken.frames, pipeline):
-        for spec in announced_specs(panels):
-            try:
-                light = panel_light(taken.frames, corners, dictionary.cells_per_side, taken.intrinsics)
-                result = measure_shutter(light, dictionary, spec, reported)
-            except CalibrationError as error:
-                why = str(error)
-                continue
-            if _reads(taken, panels, result, corners):
-                return result
-            why = f"bands like those of panel {result.id}, but the decoder does not read it"
-    raise CalibrationError(why)
+    def measure(light: PanelLight, announced: PanelSpec, corners: Floats) -> ShutterCalibration:
+        result = measure_shutter(light, load_dictionary(panels.dictionary), announced, reported)
+        if not _reads(taken, panels, result, corners):
+            raise CalibrationError(f"bands like those of panel {result.id}, but the decoder does not read it")
+        return result
+
+    panels = panels if taken.panel is None else panels.override_with(taken.panel)
+    measured, why = measure_still(taken, panels, measure, most=1)
+    if not measured:
+        raise CalibrationError(why)
+    return measured[0][0]
 
 
 def _reads(taken: Taken, panels: PanelSettings, result: ShutterCalibration, corners: Floats) -> bool:
     """Tells whether the decoder reads the panel with the shutter as it was measured."""
-    from dataclasses import replace
-
-    from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.tools.calibrate.still_panels import reads
-
     row_us, exposure_us = result.row_time_us.value, taken.frames[0].exposure_us
     if result.exposure_us is not None:
         exposure_us = result.exposure_us.value
@@ -135,8 +119,6 @@ def _report(result: ShutterCalibration, reported: Reported) -> None:
 
 
 def _write(result: ShutterCalibration, reported: Reported, file: Path | None) -> None:
-    from ledpi.tools.calibrate.config_file import change_config
-
     row_time_us = round(result.row_time_us.value, 3)
     if reported.row_time_us is not None and result.row_time_us.agrees_with(reported.row_time_us):
         typer.echo("the driver's row time is right: nothing to write")
@@ -149,11 +131,6 @@ def _write(result: ShutterCalibration, reported: Reported, file: Path | None) ->
 
 def _note(camera_yaml: Path, result: ShutterCalibration) -> None:
     """Notes what was measured, and when, beside the lens."""
-    from datetime import date
-    from typing import Any
-
-    from ledpi.tools.calibrate.config_file import Key, change_config
-
     values = {"row_time_us": result.row_time_us.value, "row_time_sigma_us": result.row_time_us.sigma}
     if result.exposure_us is not None:
         values |= {"exposure_us": result.exposure_us.value, "exposure_sigma_us": result.exposure_us.sigma}

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
-from ledpi.cli import app
+from ledpi.cli import CONFIG, SET, app
+from ledpi.config.check import mistakes_in, mistakes_in_text
+from ledpi.config.origins import origins_of, values_of
+from ledpi.config.overrides import Key, parse_override
+from ledpi.config.settings import find_config, found_config, load_config
+from ledpi.config.shipped import copy_files, example
 from ledpi.core.errors import ConfigError
+from ledpi.core.mounts import lost_at_reboot
 from ledpi.core.wording import counted
-
-if TYPE_CHECKING:
-    from ledpi.config.overrides import Key
+from ledpi.runtime.reporting import log_to_standard_error
+from ledpi.tools.calibrate.files import changed_yaml, write_keeping_old
+from ledpi.tools.edit_helper import passed_socket, serve_edits
+from ledpi.tools.editing import set_keys
 
 SERVICE_FILE = Path("/etc/ledpi/config.yaml")
-_CONFIG = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml.")
 
 config_app = typer.Typer(
     name="config",
@@ -41,11 +47,6 @@ def init(
 
     Example: ledpi config init --set panels.side_m=0.16
     """
-    from ledpi.config.check import mistakes_in_text
-    from ledpi.config.shipped import copy_files, example
-    from ledpi.tools.calibrate.config_file import changed_yaml
-    from ledpi.tools.calibrate.files import write_keeping_old
-
     if out.exists() or out.is_symlink():
         raise ConfigError(f"{out}: is there already; `ledpi config set KEY=VALUE` changes it")
     if not out.parent.is_dir():
@@ -68,8 +69,8 @@ def init(
 
 @config_app.command()
 def show(
-    config: Path | None = _CONFIG,
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
     as_json: bool = typer.Option(False, "--json", help="One JSON object: values and origins by key."),
 ) -> None:
     """Each key with its value, and where that comes from.
@@ -78,9 +79,6 @@ def show(
 
     Example: ledpi config show --config /etc/ledpi/config.yaml
     """
-    from ledpi.config.origins import origins_of, values_of
-    from ledpi.config.settings import find_config, load_config
-
     settings = load_config(find_config(config), tuple(set_))
     values, origins = values_of(settings), origins_of(settings)
     if as_json:
@@ -94,8 +92,8 @@ def show(
 
 @config_app.command()
 def check(
-    config: Path | None = _CONFIG,
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """List all mistakes of a configuration at once.
 
@@ -104,9 +102,6 @@ def check(
 
     Example: ledpi config check --config /etc/ledpi/config.yaml
     """
-    from ledpi.config.check import mistakes_in
-    from ledpi.config.settings import found_config
-
     file = found_config(config)
     mistakes = mistakes_in(file, set_)
     for mistake in mistakes:
@@ -118,7 +113,7 @@ def check(
 @config_app.command("set")
 def set_values(
     items: list[str] = typer.Argument(metavar="KEY=VALUE…", help="Keys, with their new values in YAML."),
-    config: Path | None = _CONFIG,
+    config: Path | None = CONFIG,
 ) -> None:
     """Change keys of config.yaml. Comments and all other keys stay.
 
@@ -126,10 +121,6 @@ def set_values(
 
     Example: ledpi config set panels.side_m=0.158 panels.ids=[7,23]
     """
-    from ledpi.config.settings import found_config
-    from ledpi.core.mounts import lost_at_reboot
-    from ledpi.tools.editing import set_keys
-
     file = found_config(config)
     kept = set_keys(file, items)
     for key, value in _changes(items).items():
@@ -150,17 +141,12 @@ def serve(config: Path = typer.Option(SERVICE_FILE, "--config", help="The file t
 
     Example: ledpi config serve --config /etc/ledpi/config.yaml
     """
-    from ledpi.runtime.reporting import log_to_standard_error
-    from ledpi.tools.edit_helper import passed_socket, serve
-
     log_to_standard_error()
     with passed_socket() as listener:
-        serve(config, listener)
+        serve_edits(config, listener)
 
 
 def _changes(items: list[str]) -> dict[Key, Any]:
-    from ledpi.config.overrides import parse_override
-
     return dict(parse_override(item) for item in items)
 
 

@@ -6,29 +6,33 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import typer
 
-from ledpi.cli import app
+from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.decode_inputs import check_inputs, check_names_differ, distinct, sort_out, steps_folders
-from ledpi.cli.drawn import write_drawn
-from ledpi.cli.progress import progress
-from ledpi.cli.stills import says_all, still_of
+from ledpi.cli.pictures import Still, says_all, still_of, write_drawn
+from ledpi.config.camera_yaml import lens_of
+from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
+from ledpi.core.row_clock import row_time_note
 from ledpi.core.wording import one_line
-from ledpi.pipeline.output import decoded_as_json
-
-if TYPE_CHECKING:
-    from ledpi.cli.stills import Still
-    from ledpi.config.settings import Config
-    from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.recording.reader import Recording
-    from ledpi.state.estimator import State
-    from ledpi.wire.diary import Replay
-
+from ledpi.decode.identify.frequency_search import off_frequency_note
+from ledpi.pipeline.of_config import load_robot, pipeline_of
+from ledpi.pipeline.output import decoded_as_json, state_as_json
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.overrides import load_recording_with
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import Recording
+from ledpi.recording.still import read_still
+from ledpi.state.estimator import State
+from ledpi.tools.snapshot.record import take
+from ledpi.tools.snapshot.steps import draw_steps
+from ledpi.wire.diary import Replay, read_diary
+from ledpi.wire.keeper import Keeper
 
 OLD_STATE_FILE = "state.bin"  # of older recordings: what the decoder remembered
 
@@ -36,13 +40,13 @@ OLD_STATE_FILE = "state.bin"  # of older recordings: what the decoder remembered
 @app.command()
 def decode(
     paths: list[Path] = typer.Argument(metavar="PATH…", help="Recordings, folders that hold some, or pictures."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
     single_frame: bool = typer.Option(
         False, "--single-frame", help="Decode each frame by itself, without memory of earlier ones."
     ),
     as_live: bool = typer.Option(False, "--as-live", help="Repeat the live results: same frames, same search budgets."),
-    method: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura."),
+    method: str | None = METHOD,
     steps: Path | None = typer.Option(
         None, "--steps", metavar="DIR", help="Also draw how each frame was read, as DIR/NNNNNN.png."
     ),
@@ -57,9 +61,6 @@ def decode(
 
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """
-    from ledpi.config.settings import find_config, load_config
-    from ledpi.recording.overrides import load_recording_with
-
     file = find_config(config)
     overrides = [*set_, *([f"decode.method={method}"] if method is not None else [])]
     # Recordings bring their panel's size; pictures without a configuration are refused below.
@@ -101,12 +102,6 @@ def _decode_recording(
     advance: Callable[[int], None],
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
-    from ledpi.config.camera_yaml import lens_of
-    from ledpi.core.row_clock import row_time_note
-    from ledpi.decode.identify.frequency_search import off_frequency_note
-    from ledpi.pipeline.of_config import pipeline_of
-    from ledpi.recording.picture import read_picture
-
     camera = recording.camera
     if recording.row_time_ratio != 1.0:
         _note(f"{recording.folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}")
@@ -141,9 +136,6 @@ def _decode_recording(
 
 def _decode_pictures(stills: list[tuple[Path, Still]], steps: Path | None, *, advance: Callable[[int], None]) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
-    from ledpi.pipeline.of_config import pipeline_of
-    from ledpi.recording.still import read_still
-
     bad, used, pipeline = 0, None, None
     for seq, (path, still) in enumerate(stills):
         if pipeline is None or used != still:
@@ -162,10 +154,6 @@ def _decode_pictures(stills: list[tuple[Path, Still]], steps: Path | None, *, ad
 
 def _replay_of(recording: Recording, settings: Config) -> Replay | None:
     """None where nothing was recorded of how the robot moved, or there is no map."""
-    from ledpi.config.robot import load_robot
-    from ledpi.wire.diary import Replay, read_diary
-    from ledpi.wire.keeper import Keeper
-
     diary = read_diary(recording.folder)
     if diary is None or settings.map is None:
         return None
@@ -173,8 +161,6 @@ def _replay_of(recording: Recording, settings: Config) -> Replay | None:
 
 
 def _newest(told: list[tuple[int, State | Rejected]], offset_ns: int) -> dict[str, Any]:
-    from ledpi.pipeline.output import state_as_json
-
     t_ns, state = told[-1]
     return state_as_json(None if isinstance(state, Rejected) else state, t_ns, offset_ns)
 
@@ -183,9 +169,6 @@ def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None
     """One frame; with a folder `steps`, draws into it how it was decoded."""
     if steps is None:
         return pipeline.decode(frame)
-    from ledpi.tools.snapshot.record import take
-    from ledpi.tools.snapshot.steps import draw_steps
-
     taken = take(f"{name}, frame {frame.seq}", frame, pipeline, lens)
     try:
         steps.mkdir(parents=True, exist_ok=True)

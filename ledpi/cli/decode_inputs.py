@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from ledpi.cli.drawn import check_apart
+from ledpi.cli.pictures import check_apart
+from ledpi.config.camera_yaml import lens_of
+from ledpi.config.settings import Config, check_method
 from ledpi.core.errors import RecordingError
-
-if TYPE_CHECKING:
-    from ledpi.config.settings import Config
-    from ledpi.recording.reader import Recording
+from ledpi.recording.reader import Recording, find_recordings
+from ledpi.recording.still import SUFFIXES
 
 
 def sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:
     """(name, folder) of every recording, and the picture files, in the order given."""
-    from ledpi.recording.reader import find_recordings
-    from ledpi.recording.still import SUFFIXES
-
     recordings: list[tuple[str, Path]] = []
     pictures: list[Path] = []
     for path in paths:
@@ -49,9 +45,6 @@ def distinct(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
 
 def check_inputs(loaded: list[tuple[str, Recording]], settings: Config, *, as_live: bool) -> None:
     """Raises LedpiError where what was asked for cannot be had of all recordings."""
-    from ledpi.config.camera_yaml import lens_of
-    from ledpi.config.settings import check_method
-
     for _, recording in loaded:
         shown = settings.panels.override_with(recording.panel_values)
         check_method(settings.decode.method, shown, f"{recording.folder}: decode.method")

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
-from ledpi.cli import app
+from ledpi.cli import CONFIG, SET, app
+from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import LedpiError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ledpi.tools.doctor.finding import Finding
+from ledpi.tools.doctor.checks import configuration, examine
+from ledpi.tools.doctor.finding import Finding, bad, show
 
 
 @app.command()
 def doctor(
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
     as_json: bool = typer.Option(False, "--json", help="One JSON object, with a list of findings."),
 ) -> None:
     """One page of ✓ and ✗, each ✗ with what to do.
@@ -30,16 +28,10 @@ def doctor(
 
     Example: ledpi doctor --config /etc/ledpi/config.yaml
     """
-    from ledpi.tools.doctor.page import show
-
     raise typer.Exit(show(_findings(config, set_), as_json=as_json))
 
 
 def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
-    from ledpi.config.settings import find_config, load_config
-    from ledpi.tools.doctor.checks import configuration, examine
-    from ledpi.tools.doctor.finding import bad
-
     file = find_config(config)
     try:
         settings = load_config(file, tuple(set_))

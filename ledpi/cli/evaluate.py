@@ -5,22 +5,22 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import typer
 
-from ledpi.cli import app
-from ledpi.cli.progress import progress
-from ledpi.config.renamed import METHODS, current_name
+from ledpi.cli import SET, app, progress
+from ledpi.config.camera_yaml import lens_of
+from ledpi.config.overrides import METHODS, current_name
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Config, check_method, load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
-
-if TYPE_CHECKING:
-    from ledpi.config.panels import PanelSettings
-    from ledpi.config.settings import Config
-    from ledpi.tools.evaluate.folder import ResultsFolder
-    from ledpi.tools.evaluate.reading import PanelMethod
-    from ledpi.tools.evaluate.table import TableRow
+from ledpi.recording.overrides import load_recording_with
+from ledpi.tools.evaluate.page import PAGE_FILE, ResultsFolder, code_version, summary, write_results
+from ledpi.tools.evaluate.recorded import evaluate_recording, rows_of_recordings
+from ledpi.tools.evaluate.scoring import PANEL_METHODS, PanelMethod
+from ledpi.tools.evaluate.table import TableRow
 
 Name = TypeVar("Name", bound=StrEnum)
 SIDE = "panels.side_m=0.16"
@@ -67,7 +67,7 @@ def evaluate(
     config: Path | None = typer.Option(
         None, "--config", help="Take the panels from this file. Default: the paper's, 16 cm."
     ),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    set_: list[str] = SET,
     suite: list[str] = typer.Option([], hidden=True),
 ) -> None:
     """Measure how often and how exactly your own panel is read.
@@ -77,8 +77,6 @@ def evaluate(
 
     Example: ledpi evaluate --out mine --recording take1 --id 7 --distance 0.6
     """
-    from ledpi.config.settings import load_config
-
     if suite:
         raise ConfigError(f"--suite {suite[0]}: {SIMULATED}")
     if recording is None:
@@ -112,11 +110,6 @@ def _read_recording(
     settings: Config,
     panel_words: list[str],
 ) -> None:
-    from ledpi.config.camera_yaml import lens_of
-    from ledpi.recording.overrides import load_recording_with
-    from ledpi.tools.evaluate.folder import ResultsFolder, code_version
-    from ledpi.tools.evaluate.recorded import evaluate_recording
-
     folder = ResultsFolder(out, {"recordings": True, "code": code_version()})
     loaded = load_recording_with(settings, recording)
     lens = lens_of(loaded.camera, settings.camera.intrinsics)
@@ -140,9 +133,6 @@ def _read_recording(
 
 def _able(asked: list[PanelMethod], panels: PanelSettings) -> list[PanelMethod]:
     """Those asked for, else all that can read such panels. Raises ConfigError where one that is asked for cannot."""
-    from ledpi.config.settings import check_method
-    from ledpi.tools.evaluate.reading import PANEL_METHODS
-
     if "uemura" in asked:
         check_method("uemura", panels, "--method")
     able = [m for m in PANEL_METHODS if m != "uemura" or not panels.has_antiphase()]
@@ -151,10 +141,6 @@ def _able(asked: list[PanelMethod], panels: PanelSettings) -> list[PanelMethod]:
 
 def _show(out: Path, folder: ResultsFolder) -> None:
     """The table of all places that the folder holds."""
-    from ledpi.tools.evaluate.folder import code_version
-    from ledpi.tools.evaluate.page import PAGE_FILE, summary, write_results
-    from ledpi.tools.evaluate.recorded import rows_of_recordings
-
     records = folder.finished.values()
 
     def commands(row: TableRow) -> list[str]:

@@ -7,9 +7,13 @@ from pathlib import Path
 
 import typer
 
-from ledpi.cli import app
+from ledpi.cli import CONFIG, app
+from ledpi.config.map_yaml import layout_text, load_layout, load_map, map_text
+from ledpi.config.robot import unreadable_note
+from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.wording import counted
+from ledpi.tools.calibrate.files import write_keeping_old
 
 _OUT = "File to write; an older one is kept as NAME.bak-1."
 
@@ -27,7 +31,7 @@ app.add_typer(map_app)
 def import_(
     layout: Path = typer.Argument(metavar="LAYOUT", help="WPILib's field layout (JSON), or Limelight's .fmap."),
     out: Path = typer.Argument(Path("markers.yaml"), metavar="OUT", help=_OUT),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    config: Path | None = CONFIG,
 ) -> None:
     """WPILib's AprilTag field layout, or Limelight's → markers.yaml.
 
@@ -36,12 +40,6 @@ def import_(
 
     Example: ledpi map import 2024-crescendo.json markers.yaml
     """
-    from ledpi.config.map_wpilib import load_layout
-    from ledpi.config.map_yaml import map_text
-    from ledpi.config.robot import unreadable_note
-    from ledpi.config.settings import find_config, load_config
-    from ledpi.tools.calibrate.files import write_keeping_old
-
     panels, settings, wrong = load_layout(layout), None, ""
     try:
         settings = load_config(find_config(config), without_file=("panels.side_m=1",))
@@ -71,10 +69,6 @@ def export(
 
     Example: ledpi map export markers.yaml layout.json --field 12 8
     """
-    from ledpi.config.map_wpilib import layout_text
-    from ledpi.config.map_yaml import load_map
-    from ledpi.tools.calibrate.files import write_keeping_old
-
     if not all(math.isfinite(metres) and metres > 0 for metres in field):
         raise ConfigError(f"--field {field[0]:g} {field[1]:g}: must be two lengths above 0, in metres")
     panels = load_map(markers)

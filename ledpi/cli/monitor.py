@@ -6,25 +6,39 @@ import json
 import math
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import serial
 import typer
+from rich.live import Live as Screen
 
 from ledpi.cli import app
-from ledpi.core.errors import WireError
+from ledpi.core.errors import TapError, WireError
 from ledpi.core.wording import counted
-from ledpi.diagnosis.no_fix import why_no_fix
-
-if TYPE_CHECKING:
-    import serial
-
-    from ledpi.wire import FixMessage, MarkerMessage, Message, ReceiverCounters, StateMessage, StatusMessage, WirePose
-    from ledpi.wire.receiver import Receiver
+from ledpi.diagnosis.reasons import why_no_fix
+from ledpi.diagnosis.why_not import WhyNot
+from ledpi.tap.client import Client, connect
+from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_of
+from ledpi.tools.monitor import Live
+from ledpi.wire import (
+    FixMessage,
+    MarkerMessage,
+    Message,
+    Receiver,
+    ReceiverCounters,
+    StateMessage,
+    StatusMessage,
+    WirePose,
+)
+from ledpi.wire.line import open_port
 
 READ_TIMEOUT_S = 0.1
+SHOW_EVERY_S = 0.1
+LINE_EVERY_S = 1.0  # where nobody watches
+ASK_EVERY_S = 0.5  # for a picture, to say why panels in it are not read
 _MAVLINK_MAGIC, _MAVLINK_AROUND = 0xFD, 12  # of version 2: header of 10 bytes, checksum of 2, around the payload
 _MAVLINK_LONGEST = 255 + _MAVLINK_AROUND
 _POSE_KEYS = ("position_m", "quaternion_wxyz", "deviation_m", "deviation_rad")
@@ -56,16 +70,11 @@ def monitor(
     if port is not None:
         _watch_port(port, baud, as_json, seconds)
         return
-    from ledpi.cli.monitor_tap import print_lines, show_table
-
     with suppress(KeyboardInterrupt):
         (print_lines if as_json else show_table)(tap, seconds)
 
 
 def _watch_port(port: str, baud: int, as_json: bool, seconds: float | None) -> None:
-    from ledpi.wire import Receiver
-    from ledpi.wire.line import open_port
-
     receiver = Receiver()
     with open_port(port, baud, read_timeout_s=READ_TIMEOUT_S) as line:
         try:
@@ -106,8 +115,6 @@ def _is_mavlink(data: bytes) -> bool:
 
 def json_line(message: Message) -> str:
     """The fields as in docs/wire.md, a pose's beside the others; null is unknown."""
-    from ledpi.wire import FixMessage, MarkerMessage, StateMessage, StatusMessage
-
     values: dict[str, Any] = {"message": message.name} | asdict(message)
     if isinstance(message, StatusMessage):
         values |= {"state": message.state.name.lower(), "no_fix": message.no_fix.name.lower()}
@@ -121,8 +128,6 @@ def json_line(message: Message) -> str:
 
 def text_line(message: Message) -> str:
     """A line for the eye."""
-    from ledpi.wire import FixMessage, MarkerMessage, StateMessage, StatusMessage
-
     match message:
         case MarkerMessage():
             return _marker_text(message)
@@ -205,3 +210,56 @@ def summary(counters: ReceiverCounters) -> str:
     if counters.skipped:
         text += f", {by_reason('skipped', counters.skipped)}"
     return text + (f", sender restarted {counted(counters.restarts, 'time')}" if counters.restarts else "")
+
+
+def print_lines(socket_path: str, seconds: float | None) -> None:
+    """Each line of the tap as it is; {"type": "lost"} where the daemon has gone. Raises TapError."""
+    with connect(socket_path) as tap:
+        for line in _lines(tap, seconds):
+            if line["type"] != "tick":
+                typer.echo(json.dumps(line))
+
+
+def show_table(socket_path: str, seconds: float | None) -> None:
+    """A table that stays up to date; into a pipe a line a second, and the table at the end. Raises TapError."""
+    live, shown_s, asked_s = Live(), -math.inf, -math.inf
+    why_not: WhyNot | None = None
+    with Screen(auto_refresh=False) as screen, connect(socket_path) as tap:
+        for line in _lines(tap, seconds):
+            now_s = time.monotonic()
+            if line["type"] == "hello":
+                why_not = _why_not(line)
+            elif line["type"] == "picture" and why_not is not None:
+                frame = frame_of(tap.hello, line)
+                live.explain(why_not.explain_at_once(frame, not_read_of(line), read_px_of(line)))
+            live.take(line)
+            if why_not is not None and now_s - asked_s >= ASK_EVERY_S:
+                asked_s = now_s
+                _ask(tap)
+            if now_s - shown_s >= (SHOW_EVERY_S if screen.console.is_terminal else LINE_EVERY_S):
+                shown_s = now_s
+                if screen.console.is_terminal:
+                    screen.update(live.shown(now_s), refresh=True)
+                elif line["type"] != "hello":
+                    typer.echo(live.line(now_s))
+        screen.update(live.shown(time.monotonic()), refresh=True)
+
+
+def _why_not(hello: dict[str, Any]) -> WhyNot | None:
+    try:
+        return why_not_of(hello)
+    except TapError:  # a dictionary that cannot be read from here: the counts by reason are told instead
+        return None
+
+
+def _ask(tap: Client) -> None:
+    with suppress(TapError):  # it is gone: `lines` says so
+        tap.send("picture", **{"with": list(WITH_REASONS)})
+
+
+def _lines(tap: Client, seconds: float | None) -> Iterator[dict[str, Any]]:
+    end_s = math.inf if seconds is None else time.monotonic() + seconds
+    for line in tap.lines(reconnect=True, tick_s=SHOW_EVERY_S):
+        yield line
+        if time.monotonic() >= end_s:
+            return

@@ -3,24 +3,36 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
-from ledpi.cli.panel import panel
-from ledpi.cli.progress import progress
+from ledpi.camera.simulated import shortest_frame_rows
+from ledpi.cli import CONFIG, SET, progress
+from ledpi.cli.panel import panel, require_extra
+from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import CameraSettings, Config, find_config, load_config
 from ledpi.core.errors import ConfigError
+from ledpi.markers.codewords import Dictionary
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
+from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
+from ledpi.tools.panel.design import (
+    Proposal,
+    Task,
+    antiphase_proposals,
+    auto_rows,
+    candidate_pairs,
+    farthest_m,
+    proposal_at,
+    ranked,
+    views_of,
+)
+from ledpi.tools.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
 from ledpi.tools.panel.frequencies import Flicker
-
-if TYPE_CHECKING:
-    from ledpi.config.panels import PanelSettings
-    from ledpi.config.settings import CameraSettings, Config
-    from ledpi.markers.codewords import Dictionary
-    from ledpi.simulate.scene import SimulatedSensor
-    from ledpi.tools.panel.design import Proposal, Task
-    from ledpi.tools.panel.information import View
-    from ledpi.tools.panel.reach import Reach
-    from ledpi.tools.panel.verdict import Finding
+from ledpi.tools.panel.information import View
+from ledpi.tools.panel.reach import Reach, reach_of, reach_views
+from ledpi.tools.panel.verdict import Finding, findings
 
 _SHOWN = 5
 # Of the farthest distance at which cells can be sampled; for a panel of 16 cm 0.6, 1, 1.4, 2, 3, 5, 8 and 12 m.
@@ -51,8 +63,8 @@ def design(
     ),
     flicker: Flicker = typer.Option(Flicker.LOW_RISK, help="IEEE 1789's class: from 1250 Hz, or from 3000 Hz."),
     out: Path | None = typer.Option(None, metavar="FOLDER", help="Writes panel.yaml, antiphase.yaml and plots there."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """Rank pairs of frequencies by how well panels are read.
 
@@ -65,8 +77,6 @@ def design(
 
     Example: ledpi panel design --check 1000 2000
     """
-    from ledpi.config.settings import find_config, load_config
-
     if out is not None and check is not None:
         raise ConfigError(f"--out {out}: is for a design; --check writes nothing")
     file = find_config(config)
@@ -87,9 +97,6 @@ def design(
 
 
 def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flicker: Flicker, own_light: float) -> Task:
-    from ledpi.markers.dictionaries import load_dictionary
-    from ledpi.tools.panel.design import Task, farthest_m
-
     panels, sensor = settings.panels, _sensor(settings.camera)
     cells = load_dictionary(panels.dictionary).cells_per_side
     farthest = farthest_m(sensor, panels.side_m, cells)
@@ -108,11 +115,6 @@ def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flic
 
 def _sensor(camera: CameraSettings) -> SimulatedSensor:
     """The configured camera; what it leaves open is an OV5647's. Raises ConfigError."""
-    from ledpi.camera.simulated import shortest_frame_rows
-    from ledpi.config.camera_yaml import load_intrinsics
-    from ledpi.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
-    from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
-
     row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
     exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
     rows = shortest_frame_rows(camera.height, exposure_us, row_time_us)
@@ -144,12 +146,6 @@ def _sensor(camera: CameraSettings) -> SimulatedSensor:
 
 def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     """Says what is wrong with a pair, or how far it carries. Exit status 1 where it cannot be used."""
-    from ledpi.markers.dictionaries import load_dictionary
-    from ledpi.tools.panel.design import auto_rows, proposal_at, views_of
-    from ledpi.tools.panel.design_text import legend, summary_line, table
-    from ledpi.tools.panel.reach import reach_views
-    from ledpi.tools.panel.verdict import findings
-
     black_hz, white_hz = pair
     if not all(10 <= hz <= 100_000 for hz in pair):  # as in the configuration
         raise ConfigError(f"--check {black_hz:g} {white_hz:g}: must be of 10 to 100000 Hz")
@@ -170,8 +166,6 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
 
 
 def _say_findings(task: Task, found: list[Finding]) -> None:
-    from ledpi.tools.panel.design_text import task_text
-
     typer.echo(task_text(task))
     for finding in found:
         typer.echo(f"{'unusable' if finding.unusable else 'note'}: {finding.text}")
@@ -179,8 +173,6 @@ def _say_findings(task: Task, found: list[Finding]) -> None:
 
 def _say_unreported(panels: PanelSettings) -> None:
     """Which IDs to do without, as long as none were chosen."""
-    from ledpi.markers.dictionaries import load_dictionary
-
     note = (
         panels.unreported_note(range(len(load_dictionary(panels.dictionary).codewords))) if panels.ids is None else ""
     )
@@ -189,12 +181,6 @@ def _say_unreported(panels: PanelSettings) -> None:
 
 
 def _design(task: Task, settings: Config, out: Path | None) -> None:
-    from ledpi.markers.dictionaries import load_dictionary
-    from ledpi.tools.panel.design import antiphase_proposals, auto_rows, candidate_pairs, proposal_at, ranked, views_of
-    from ledpi.tools.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
-    from ledpi.tools.panel.reach import reach_views
-    from ledpi.tools.panel.verdict import findings
-
     panels = settings.panels
     pair = (panels.black_hz, panels.white_hz)
     views = views_of(task)
@@ -243,17 +229,13 @@ def _farthest_first(
 def _add_reach(
     task: Task, dictionary: Dictionary, views: list[View], proposals: list[tuple[str, Proposal]]
 ) -> list[tuple[str, Proposal, Reach]]:
-    from ledpi.tools.panel.reach import reach_of
-
     with progress("drawing panels", len(views) * len(proposals)) as advance:
         return [(name, p, reach_of(task, p, dictionary, views, advance)) for name, p in proposals]
 
 
 def _make_folder(out: Path) -> None:
     """Before the minutes that a design takes."""
-    from ledpi.tools.panel.matplotlib_extra import require_matplotlib
-
-    require_matplotlib(f"--out {out}: the plots")
+    require_extra(f"--out {out}: the plots", "matplotlib")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -6,20 +6,21 @@ import signal
 import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
-from ledpi.cli import app
-from ledpi.cli.progress import progress
+from ledpi.camera.base import Camera
+from ledpi.camera.factory import open_camera
+from ledpi.cli import CONFIG, SET, app, progress
+from ledpi.cli.bags import needs_bags
+from ledpi.config.camera_yaml import lens_of
+from ledpi.config.settings import Config, find_config, load_config
+from ledpi.core.records import CameraInfo
 from ledpi.core.wording import counted
-
-if TYPE_CHECKING:
-    from ledpi.camera.base import Camera
-    from ledpi.config.settings import Config
-    from ledpi.core.records import CameraInfo
-    from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.runtime.recorder import FrameWriter, Recorded, Recorder
+from ledpi.pipeline.of_config import pipeline_of
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.runtime.recorder import FrameWriter, Recorded, Recorder
+from ledpi.runtime.takes import TakeWriter
 
 TICK_S = 0.1
 
@@ -32,8 +33,8 @@ def record(
         None, "--frames", min=1, help="Stop after this many frames, if that comes first."
     ),
     max_mb: float = typer.Option(2000.0, "--max-mb", min=1.0, help="Stop before the pictures take more than this."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """Record the camera at its full rate, and decode live meanwhile.
 
@@ -44,10 +45,6 @@ def record(
 
     Example: ledpi record takes/kitchen --seconds 30
     """
-    from ledpi.camera.factory import open_camera
-    from ledpi.config.settings import find_config, load_config
-    from ledpi.runtime.recorder import Recorded
-
     file = find_config(config)
     settings = load_config(file, tuple(set_))
     camera = open_camera(settings, recover=True)
@@ -65,10 +62,6 @@ def record(
 
 
 def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
-    from ledpi.config.camera_yaml import lens_of
-    from ledpi.pipeline.of_config import pipeline_of
-    from ledpi.runtime.recorder import Recorder
-
     lens = lens_of(camera.info, settings.camera.intrinsics)
     pipeline = pipeline_of(settings, camera.info, lens, camera.panel)
     return Recorder(camera, _writer(out, settings, replace(camera.info, intrinsics=lens), pipeline), pipeline)
@@ -76,9 +69,6 @@ def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
 
 def _writer(out: Path, settings: Config, camera: CameraInfo, pipeline: Pipeline) -> FrameWriter:
     """Returns that of a folder, or of a bag."""
-    from ledpi.cli.bags_extra import needs_bags
-    from ledpi.runtime.take_writer import TakeWriter
-
     dictionary, panel = pipeline.panels.dictionary, pipeline.panels.spec()
     note = f"recorded from {settings.camera.source}"
     if out.suffix == ".mcap":

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import typer
 
 from ledpi.cli import app
+from ledpi.core.errors import RecordingError
+from ledpi.core.files import not_written
+from ledpi.tap.client import connect
 
 PATIENCE_S = 600.0  # ten seconds of frames are written in ten to thirty, and others may be written before
 
@@ -26,10 +30,6 @@ def rewind(
 
     Example: ledpi rewind takes/what-was-that
     """
-    from ledpi.core.errors import RecordingError
-    from ledpi.core.files import not_written
-    from ledpi.tap.client import connect
-
     if out is not None:
         _check_new(out)
     with connect(tap) as daemon:
@@ -48,16 +48,12 @@ def rewind(
 
 def _check_new(out: Path) -> None:
     """Before the daemon is asked: it forgets what it has saved. Raises RecordingError."""
-    from ledpi.core.errors import RecordingError
-
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise RecordingError(f"{out}: is there already; a recording needs a new or an empty folder")
 
 
 def _copy(saved: Path, out: Path) -> None:
     """File by file; so that what cannot be read is named alone, and no owner or mode comes along."""
-    import shutil
-
     for path in sorted(saved.rglob("*")):
         to = out / path.relative_to(saved)
         if path.is_dir():

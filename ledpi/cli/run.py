@@ -10,13 +10,13 @@ from pathlib import Path
 
 import typer
 
-from ledpi.cli import app
+from ledpi.cli import CONFIG, SET, app
 
 
 @app.command()
 def run(
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
     unpaced: bool = typer.Option(
         False, "--unpaced", help="Replay and simulator only: run as fast as frames are decoded."
     ),
@@ -71,14 +71,13 @@ def run(
         failure = TransientError(NO_THREAD if is_no_thread(error) else str(error))
         end_threads(status=1, said=f"ledpi: {one_line(str(failure))}\n")
         raise failure from error
-    health = totals.health
     logging.getLogger("ledpi").info(
         "ended: %d frames, %d dropped, %d decoded, %d markers, rejected: %s",
-        totals.ring.published,
-        totals.ring.dropped,
-        health.decoded,
-        health.markers,
-        ", ".join(f"{key} {count}" for key, count in sorted(health.rejected.items())) or "nothing",
+        totals.frames,
+        totals.dropped,
+        totals.decoded,
+        totals.markers,
+        ", ".join(f"{key} {count}" for key, count in totals.rejected.items()) or "nothing",
     )
     end_threads(status=0)
 

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
 import typer
 
-from ledpi.cli import app
-from ledpi.cli.progress import progress
+from ledpi.camera.simulated import SimulatedCamera, simulated_drive, simulated_sensor
+from ledpi.cli import CONFIG, SET, app, progress
+from ledpi.config.camera_yaml import camera_yaml_text
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import ConfigError
+from ledpi.core.records import PanelSpec
 from ledpi.core.str_enum import StrEnum
 from ledpi.core.wording import counted
-
-if TYPE_CHECKING:
-    from ledpi.config.panels import PanelSettings
-    from ledpi.config.settings import Config
-    from ledpi.core.records import PanelSpec
-    from ledpi.simulate.scene import Scene
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.recording.writer import RecordingWriter
+from ledpi.simulate.scene import Scene
+from ledpi.simulate.scenes import DRIVE_IDS, board_scene, still_scene
+from ledpi.tools.calibrate.boards import Board
+from ledpi.tools.calibrate.files import write_keeping_old
 
 _STILL_IDS, _STILL_DISTANCE_M, _STILL_ANGLE_DEG = [7], 1.0, 0.0
 
@@ -54,8 +58,8 @@ def simulate(
     exposure_us: float | None = typer.Option(None, help="Overrides camera.exposure_us; whole rows, rounded down."),
     transfer: TransferName | None = typer.Option(None, help="Overrides camera.transfer."),
     seed: int = typer.Option(0, min=0, help="Seed of noise and phases: the same seed gives the same recording."),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """Simulated panels → a recording, with the truth.
 
@@ -80,8 +84,6 @@ def simulate(
 
 
 def _settings(config: Path | None, set_: list[str], exposure_us: float | None, transfer: TransferName | None) -> Config:
-    from ledpi.config.settings import find_config, load_config
-
     file = find_config(config)
     overrides = [] if file is not None else ["panels.side_m=0.16"]
     overrides += set_
@@ -93,28 +95,17 @@ def _settings(config: Path | None, set_: list[str], exposure_us: float | None, t
 
 
 def _drive(settings: Config) -> Scene:
-    from ledpi.camera.simulated import simulated_drive, simulated_sensor
-    from ledpi.simulate.scenes import DRIVE_IDS
-
     sensor = simulated_sensor(settings.camera, settings.panels)
     return simulated_drive(sensor, _specs(settings.panels, DRIVE_IDS), settings.panels.dictionary)
 
 
 def _board(settings: Config) -> Scene:
     """The board that `ledpi calibrate board` prints."""
-    from ledpi.camera.simulated import simulated_sensor
-    from ledpi.simulate.scenes import board_scene
-    from ledpi.tools.calibrate.boards import Board
-
     sensor = simulated_sensor(settings.camera, settings.panels)
     return board_scene(sensor, Board(columns=6, rows=5, kind="charuco").black(), width_m=7 * 0.03)
 
 
 def _still(settings: Config, ids: list[int], distance_m: float, angle_deg: float) -> Scene:
-    from ledpi.camera.simulated import simulated_sensor
-    from ledpi.markers.dictionaries import load_dictionary
-    from ledpi.simulate.scenes import still_scene
-
     sensor = simulated_sensor(settings.camera, settings.panels)
     specs = _specs(settings.panels, ids)
     try:
@@ -136,13 +127,6 @@ def _specs(panels: PanelSettings, ids: list[int] | tuple[int, ...]) -> dict[int,
 
 
 def _record(out: Path, scene: Scene, panels: PanelSettings, *, frames: int, seed: int) -> None:
-    import numpy as np
-
-    from ledpi.camera.simulated import SimulatedCamera
-    from ledpi.config.camera_yaml import camera_yaml_text
-    from ledpi.recording.writer import RecordingWriter
-    from ledpi.tools.calibrate.files import write_keeping_old
-
     camera = SimulatedCamera(scene, seed=seed, paced=False, frames=frames)
     pixels = np.empty((camera.info.height, camera.info.width), np.uint8)
     writer = RecordingWriter(

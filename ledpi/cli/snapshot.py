@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+import numpy as np
 import typer
 
-from ledpi.cli import app
-from ledpi.cli.drawn import check_apart, write_drawn
-from ledpi.cli.progress import progress
-from ledpi.cli.stills import says_all, still_of
+from ledpi.camera.factory import open_camera
+from ledpi.camera.recording import RecordingCamera
+from ledpi.cli import CONFIG, METHOD, SET, app, progress
+from ledpi.cli.pictures import check_apart, says_all, still_of, write_drawn
+from ledpi.config.camera_yaml import lens_of
+from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import CameraError, ConfigError, RecordingError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ledpi.config.settings import Config
-    from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues
-    from ledpi.diagnosis.why_not import Why
+from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues
+from ledpi.diagnosis.why_not import RUN_FRAMES, Why
+from ledpi.pipeline.of_config import pipeline_of
+from ledpi.recording.overrides import load_recording_with
+from ledpi.recording.picture import read_picture
+from ledpi.recording.still import read_still
+from ledpi.tap.frames import settings_of
+from ledpi.tools.snapshot.page import draw
+from ledpi.tools.snapshot.record import explain, take
+from ledpi.tools.snapshot.sources import LOOK_FRAMES, Looking, connected, showing_a_panel
+from ledpi.tools.snapshot.steps import draw_steps
 
 FORMATS = (".png", ".jpg")
 
@@ -42,13 +51,13 @@ def snapshot(
         metavar="PATH",
         help="A recording or a picture. Default: a frame of the running daemon, else of the camera.",
     ),
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
     frame: int | None = typer.Option(
         None, "--frame", min=0, metavar="SEQ", help="Frame of a recording; with a camera, the first frame to use."
     ),
     out: Path = typer.Option(Path("snapshot.png"), "--out", help="Picture to write, .png or .jpg."),
-    method: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura."),
+    method: str | None = METHOD,
     steps: bool = typer.Option(False, "--steps", help="Draw the steps of the method instead."),
 ) -> None:
     """One frame as an annotated picture.
@@ -61,11 +70,6 @@ def snapshot(
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
     """
-    from ledpi.pipeline.of_config import pipeline_of
-    from ledpi.tools.snapshot.page import draw
-    from ledpi.tools.snapshot.record import explain, take
-    from ledpi.tools.snapshot.steps import draw_steps
-
     if out.suffix.lower() not in FORMATS:
         raise ConfigError(f"--out {out}: must end in {' or '.join(FORMATS)}")
     if path is not None and not path.exists():
@@ -88,9 +92,6 @@ def snapshot(
 
 def _open(path: Path | None, config: Path | None, overrides: list[str], seq: int | None) -> tuple[_Source, Config]:
     """Opens what is not the daemon's, with the settings of the configuration."""
-    from ledpi.config.settings import find_config, load_config
-    from ledpi.recording.still import read_still
-
     brings_panel = path is not None and (path.is_dir() or says_all(path))
     own_size = ("panels.side_m=1",) if brings_panel else ()
     settings = load_config(find_config(config), tuple(overrides), without_file=own_size)
@@ -106,10 +107,6 @@ def _open(path: Path | None, config: Path | None, overrides: list[str], seq: int
 
 def _of_daemon(config: Path | None, overrides: list[str]) -> tuple[_Source, Config] | None:
     """A frame of the daemon that runs here, with its settings; None where none does."""
-    from ledpi.tap.frames import settings_of
-    from ledpi.tools.snapshot.from_camera import LOOK_FRAMES
-    from ledpi.tools.snapshot.from_daemon import connected, showing_a_panel
-
     tap = connected(config)
     if tap is None:
         return None
@@ -125,10 +122,6 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
 
     Replays and the simulator are not waited for.
     """
-    from ledpi.camera.factory import open_camera
-    from ledpi.config.camera_yaml import lens_of
-    from ledpi.tools.snapshot.from_camera import Looking
-
     name = settings.camera.source
     camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"), first=seq or 0)
     try:
@@ -154,14 +147,6 @@ def _numbered(frames: Iterator[Frame], seq: int) -> Frame | None:
 
 
 def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
-    import numpy as np
-
-    from ledpi.camera.recording import RecordingCamera
-    from ledpi.config.camera_yaml import lens_of
-    from ledpi.diagnosis.why_not import RUN_FRAMES
-    from ledpi.recording.overrides import load_recording_with
-    from ledpi.recording.picture import read_picture
-
     recording = load_recording_with(settings, folder)
     entries = recording.frames
     at = next((index for index, entry in enumerate(entries) if seq is None or entry.seq == seq), None)
@@ -190,8 +175,6 @@ def reasons(why: Why) -> list[tuple[str, str]]:
 
 def summary(decoded: Decoded) -> str:
     """One line on a frame, as in `ID 7 at +0.100 -0.200 1.500 m, margin 14; dropped: identify.no_bands 1`."""
-    from collections import Counter
-
     counts = Counter(rejected.key for rejected in decoded.rejected)
     dropped = ", ".join(f"{key} {count}" for key, count in counts.most_common())
     parts = [_marker_text(marker) for marker in decoded.markers] or ["no panel read"]

@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
+import ctypes
+import logging
 import signal
+import socket
 import stat
+import threading
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
-from ledpi.cli import app
-
-if TYPE_CHECKING:
-    from ledpi.config.settings import Config, ViewSettings
-    from ledpi.view.hub import Hub
-    from ledpi.view.server import ViewServer
-    from ledpi.view.settings import Settings
+from ledpi.cli import CONFIG, SET, app
+from ledpi.config.settings import Config, ViewSettings, find_config, load_config
+from ledpi.core.errors import ConfigError
+from ledpi.runtime.reporting import log_to_standard_error
+from ledpi.tap.of_config import of_config
+from ledpi.view.guard import Guard, metrics_token
+from ledpi.view.hub import Hub
+from ledpi.view.own_token import kept_token
+from ledpi.view.server import ViewServer
+from ledpi.view.settings import Settings
 
 _M_ARENA_MAX = -8  # of glibc's malloc.h
 
 
 @app.command()
 def view(
-    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
-    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    config: Path | None = CONFIG,
+    set_: list[str] = SET,
 ) -> None:
     """A web page of what the running daemon sees.
 
@@ -34,16 +41,6 @@ def view(
 
     Example: ledpi view --set view.listen=0.0.0.0:8088
     """
-    import threading
-
-    from ledpi.config.settings import find_config, load_config
-    from ledpi.core.errors import ConfigError
-    from ledpi.runtime.reporting import log_to_standard_error
-    from ledpi.tap.of_config import of_config
-    from ledpi.view.guard import metrics_token
-    from ledpi.view.hub import Hub
-    from ledpi.view.settings import Settings
-
     log_to_standard_error()
     _share_memory()
     file = find_config(config)
@@ -68,8 +65,6 @@ def view(
 
 def _warn_of_readable_token(settings: Config, file: Path | None) -> None:
     """Says where other users of the machine find the token."""
-    import logging
-
     if settings.view.token is None or "view.token" in settings.from_command_line or file is None:
         return
     if file.stat().st_mode & stat.S_IROTH:
@@ -81,22 +76,12 @@ def _warn_of_readable_token(settings: Config, file: Path | None) -> None:
 
 def _share_memory() -> None:
     """Has all threads take memory from two places: each would keep some of its own, 100 MB for 50 viewers."""
-    import ctypes
-    from contextlib import suppress
-
     with suppress(AttributeError, OSError):  # another C library than glibc
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
 
 
 def _open(settings: ViewSettings, hub: Hub, keys: Settings) -> tuple[ViewServer, str]:
     """The listening server, and the token that it wants. Raises ConfigError where the address cannot be had."""
-    import socket
-
-    from ledpi.core.errors import ConfigError
-    from ledpi.view.guard import Guard
-    from ledpi.view.own_token import kept_token
-    from ledpi.view.server import ViewServer
-
     host, port = settings.address
     token = settings.token or kept_token()
     own = socket.gethostname().lower()
@@ -110,8 +95,6 @@ def _open(settings: ViewSettings, hub: Hub, keys: Settings) -> tuple[ViewServer,
 
 def _shown_host(server: ViewServer) -> str:
     """That a browser can open: of all addresses this machine's name."""
-    import socket
-
     host = server.server_name
     if host in ("0.0.0.0", "::"):
         return socket.gethostname()

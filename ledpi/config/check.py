@@ -11,11 +11,10 @@ from pydantic import ValidationError
 
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.mistakes import explain_all
-from ledpi.config.output_files import read_password, tls_context
-from ledpi.config.overrides import apply_override
+from ledpi.config.named_files import read_password, tls_context
+from ledpi.config.overrides import apply_override, rename_method
 from ledpi.config.panels import check_bands_visible, check_panels
-from ledpi.config.renamed import rename_method
-from ledpi.config.robot import load_robot
+from ledpi.config.robot import load_own_map
 from ledpi.config.settings import Config, check_method, check_odometry, resolve_paths, sections
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.files import parse_yaml
@@ -65,7 +64,7 @@ def _values(
 
 def _files(config: Config) -> list[str]:
     lens, size = config.camera.intrinsics, (config.camera.width, config.camera.height)
-    checks: list[Callable[[], object]] = [lambda: load_robot(config)]
+    checks: list[Callable[[], object]] = [lambda: load_own_map(config)]
     if lens is not None:
         checks.append(lambda: load_intrinsics(lens, size))
     for name, output in config.outputs.items():

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import parse_yaml
-from ledpi.core.wording import shortened, shortened_name
+from ledpi.core.wording import one_line, shortened, shortened_name
 
 Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
+METHODS = {"soft": "likelihood", "bands": "uemura"}
 
 
 def parse_override(item: str) -> tuple[Key, Any]:
@@ -48,3 +50,18 @@ def _keys_of(key: str, value: object) -> set[str]:
     if not isinstance(value, dict):
         return {key}
     return {inner for name, part in value.items() for inner in _keys_of(f"{key}.{name}", part)}
+
+
+def current_name(name: str, renamed: dict[str, str], where: str) -> str:
+    """Returns what `name` is called today. `where` names the key or option, as in `config.yaml: decode.method`."""
+    if name not in renamed:
+        return name
+    print(f"ledpi: {one_line(where)}: {name} is now called {renamed[name]}", file=sys.stderr)
+    return renamed[name]
+
+
+def rename_method(raw: dict[str, Any], where: str) -> None:
+    """Puts today's name of the method into a configuration that has an old one."""
+    section = raw.get("decode")
+    if isinstance(section, dict) and isinstance(section.get("method"), str):
+        section["method"] = current_name(section["method"], METHODS, f"{where}: decode.method")

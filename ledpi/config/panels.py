@@ -57,6 +57,11 @@ class PanelSettings(Section):
     search_frequencies: StrictBool = False  # of oscillators that are off by a percent, as RC oscillators are
     overrides: dict[MarkerId, PanelOverride] = Field(default_factory=dict)
 
+    @property
+    def words(self) -> Dictionary:
+        """The dictionary, loaded. Raises ValueError for one that is not known, or a file that cannot be read."""
+        return load_dictionary(self.dictionary)
+
     def spec(self, marker_id: int | None = None) -> PanelSpec:
         """The panel of one ID, or, without an ID, the common one. Raises ValueError where they contradict."""
         values = self.model_dump(include={"side_m", "black_hz", "white_hz", "duty", "phase"})
@@ -71,7 +76,7 @@ class PanelSettings(Section):
         """
         if self.ids is not None:
             return frozenset(self.ids)
-        dictionary = load_dictionary(self.dictionary)
+        dictionary = self.words
         like = {
             *dictionary.part_like_ids(),
             *(i for phase in self._phases() for i in dictionary.reflection_like_ids(phase)),
@@ -86,7 +91,7 @@ class PanelSettings(Section):
 
     def unreported_note(self, ids: Iterable[int]) -> str:
         """Names those of `ids` that the dictionary has, and that are not reported; "" where all are."""
-        known = range(len(load_dictionary(self.dictionary).codewords))
+        known = range(len(self.words.codewords))
         missing = sorted(set(ids).intersection(known) - self.existing_ids())
         if not missing:
             return ""
@@ -99,7 +104,7 @@ class PanelSettings(Section):
         """Names those of `ids` that one of them shows in a mirror; "" where none does, as where `ids` is not set."""
         if self.ids is None:
             return ""
-        dictionary, listed = load_dictionary(self.dictionary), sorted(set(self.ids))
+        dictionary, listed = self.words, sorted(set(self.ids))
         own = Dictionary(name=self.dictionary, codewords=dictionary.codewords[listed])
         like = sorted({listed[k] for phase in self._phases() for k in own.reflection_like_ids(phase)})
         if not like:
@@ -141,7 +146,7 @@ class PanelSettings(Section):
 def check_panels(panels: PanelSettings, where: str) -> None:
     """Values that are right one by one may contradict each other, or the dictionary."""
     try:
-        dictionary = load_dictionary(panels.dictionary)
+        dictionary = panels.words
     except ValueError as error:
         raise ConfigError(f"{where}: panels.dictionary: {error}") from None
     known = len(dictionary.codewords)

@@ -1,4 +1,4 @@
-"""The robot and its map by the configuration, as the path needs them."""
+"""The camera's seat on the robot, and the map, by the configuration."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from ledpi.config.settings import CameraMount, Config
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
 from ledpi.core.records import Floats
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.pose.fix import Robot
 from ledpi.pose.panel_map import PanelMap
 
 MAX_NAMED = 5  # that are named of many
@@ -25,23 +23,19 @@ def base_link_from_camera(mount: CameraMount) -> Floats:
     return transform(rotation, np.array(mount.position_m))
 
 
-def load_robot(config: Config) -> Robot:
-    """Reads the map too, if there is one. Raises ConfigError."""
-    panels = None
-    if config.map is not None:
-        panels = load_map(config.map)
-        for marker_id, override in config.panels.overrides.items():
-            side_m = panels[marker_id].side_m if marker_id in panels else None
-            if side_m is not None and override.side_m is not None and side_m != override.side_m:
-                raise ConfigError(
-                    f"{config.map}: panels.{marker_id}.side_m: is {side_m}, but panels.overrides.{marker_id}.side_m in "
-                    f"the configuration is {override.side_m}: give it once"
-                )
-    return Robot(
-        base_link_from_camera=base_link_from_camera(config.robot.camera_mount),
-        panels=panels,
-        panels_upright=config.panels.upright,
-    )
+def load_own_map(config: Config) -> PanelMap | None:
+    """The map, if there is one. Raises ConfigError, also where it gives a panel another size than the configuration."""
+    if config.map is None:
+        return None
+    panels = load_map(config.map)
+    for marker_id, override in config.panels.overrides.items():
+        side_m = panels[marker_id].side_m if marker_id in panels else None
+        if side_m is not None and override.side_m is not None and side_m != override.side_m:
+            raise ConfigError(
+                f"{config.map}: panels.{marker_id}.side_m: is {side_m}, but panels.overrides.{marker_id}.side_m in "
+                f"the configuration is {override.side_m}: give it once"
+            )
+    return panels
 
 
 def unreadable_note(settings: PanelSettings, panels: PanelMap | None, file: Path | None) -> str:
@@ -49,7 +43,7 @@ def unreadable_note(settings: PanelSettings, panels: PanelMap | None, file: Path
 
     That is no error: a field's layout may hold tags that others read.
     """
-    words = len(load_dictionary(settings.dictionary).codewords)
+    words = len(settings.words.codewords)
     unreadable = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
     notes = []
     if unreadable:

@@ -16,9 +16,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, Strict
 from ledpi.config.mistakes import validated
 from ledpi.config.odometry import OdometrySettings
 from ledpi.config.outputs import OutputName, OutputSettings
-from ledpi.config.overrides import apply_override
+from ledpi.config.overrides import apply_override, rename_method
 from ledpi.config.panels import PanelSettings, check_bands_visible, check_panels
-from ledpi.config.renamed import rename_method
 from ledpi.config.values import (
     Angles,
     GainOrAuto,

@@ -1,14 +1,18 @@
-"""Files that come with ledpi and are no program: the commented configuration, examples, the service, the udev rule."""
+"""Files that come with ledpi and are no program: the commented configuration, tables of its pages, examples, units."""
 
 from __future__ import annotations
 
+import re
 import shutil
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from ledpi.core.errors import ConfigError, InstallationError
 
 FOLDER = Path(__file__).parents[1] / "shipped-files"
 _FOLDERS = ("examples", "systemd")
+_LINK = r"\[([^]]*)\]\([^)]*\)"
 
 
 def example() -> str:
@@ -19,11 +23,6 @@ def example() -> str:
 def udev_rule() -> str:
     """The text of 61-ledpi.rules. Raises InstallationError."""
     return _text("systemd/61-ledpi.rules")
-
-
-def key_tables() -> str:
-    """The text of docs/configuration.md. Raises InstallationError."""
-    return _text("configuration.md")
 
 
 def _text(name: str) -> str:
@@ -41,3 +40,37 @@ def copy_files(to: Path) -> None:
             shutil.copytree(FOLDER / name, to / name, ignore=shutil.ignore_patterns("__pycache__"))
     except OSError as error:
         raise ConfigError(f"--files {to}: {error.strerror}; must be a new folder") from None
+
+
+class Documented(NamedTuple):
+    """One row, as text."""
+
+    unit: str
+    default: str  # in YAML; `none` where the key must be given
+    allowed: str
+    meaning: str
+
+
+@cache
+def documented() -> dict[str, Documented]:
+    """By dotted key, in the page's order. Raises InstallationError."""
+    return {row[0]: Documented(*row[1:]) for row in table_rows("configuration.md", 1 + len(Documented._fields))}
+
+
+@cache
+def reasons() -> dict[str, tuple[str, str]]:
+    """By key, as `find.too_small`: what it means, and what helps. Raises InstallationError."""
+    return {key: (means, helps) for key, means, helps in table_rows("troubleshooting.md", 3)}
+
+
+def table_rows(page: str, columns: int) -> list[list[str]]:
+    """The rows of so many columns of which the first is code, as text. Raises InstallationError."""
+    lines = [line for line in _text(page).splitlines() if line.startswith("| `")]
+    rows = [[_plain(cell) for cell in re.split(r"\s*(?<!\\)\|\s*", line)[1:-1]] for line in lines]
+    return [row for row in rows if len(row) == columns]
+
+
+def _plain(cell: str) -> str:
+    """The text of Markdown, without the marks of code; of a link what it is called, if that is part of a sentence."""
+    text = re.sub(rf" \({_LINK}\)|(?<=\.) {_LINK}$", "", cell.replace(r"\|", "|"))
+    return re.sub(r"\*(\w+)\*", r"\1", re.sub(_LINK, r"\1", text)).replace("`", "").removesuffix(".")

@@ -19,10 +19,8 @@ from ledpi.camera.exposure_notes import vanishing
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Floats, Frame
 from ledpi.diagnosis.look import FULL, Look, band_step, blur_of, look_at, side_px
-from ledpi.diagnosis.mistakes import SURE_NATS, Mistake, mistake_of
-from ledpi.diagnosis.reasons import explained
+from ledpi.diagnosis.reasons import SURE_NATS, Mistake, explained, mistake_of
 from ledpi.diagnosis.what_if import Supposed, same_place
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.each_cell import classes_unread
 from ledpi.pipeline.trace import Trace
 
@@ -176,7 +174,7 @@ def _diagnosis(frame: Frame, panels: PanelSettings, one: NotRead, supposed: Sequ
     corners_px = one.corners_px if reading is None else reading.corners_px
     mistake = None if reading is None else reading.mistake
     if mistake is None and one.cells_nats is not None:
-        mistake = mistake_of(one.cells_nats, load_dictionary(panels.dictionary))
+        mistake = mistake_of(one.cells_nats, panels.words)
     look, is_large = look_at(frame, one.corners_px), side_px(one.corners_px) >= SMALLEST_PX
     kind: Kind = "shape"
     if mistake is not None or (one.why in _BLINKS and is_large):

@@ -1,11 +1,31 @@
-"""Reasons for a rejection in words, for people: what each means, and what helps if the thing is a panel.
-
-The table in docs/troubleshooting.md says the same; a test compares them.
-"""
+"""Words for people: why something was rejected, why there is no fix, and what a panel looks like that is none."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
+
+import numpy as np
+
+from ledpi.config.shipped import reasons
+from ledpi.core.records import Floats, RowsFrom
+from ledpi.markers.codewords import Bits, Dictionary
+from ledpi.markers.dictionaries import dictionary_names, load_dictionary
+
+# As the status says it (`NoFix`), and as a frame's own reasons do (`fix.…`).
+_WORDS = {
+    "not_running": "ledpi is starting or stopping",
+    "no_frames": "the camera delivers nothing",
+    "uncalibrated": "the lens is not calibrated",
+    "no_map": "no map is set",
+    "no_panel": "no panel is in view",
+    "not_in_map": "no panel of the map is in view",
+    "rejected": "panels contradict the map",
+    "panels_contradict": "panels contradict the map",
+    "ambiguous": "one panel is in view, and its mirror pose is not excluded",
+    "stale": "the last one is too old",
+    "behind": "decoding is too slow",
+}
+SURE_NATS = 3.0  # of every cell's class: with less, too many patterns fit
 
 
 class Explained(NamedTuple):
@@ -15,105 +35,92 @@ class Explained(NamedTuple):
     helps: str  # "" where nothing is to be done
 
 
-REASONS: dict[str, Explained] = {
-    "find.not_four_sided": Explained("an outline without four sides", ""),
-    "find.at_picture_border": Explained(
-        "an outline that the border of the picture cuts", "bring the whole panel into view"
-    ),
-    "find.too_small": Explained("an outline too small for a panel", "go nearer"),
-    "fit.too_small": Explained("a cell would be less than 2 pixels wide", "go nearer"),
-    "fit.no_light": Explained("next to no light, or too little of it in the picture", "more exposure or gain"),
-    "fit.diverged": Explained("the fit found no corners", ""),
-    "fit.no_bands": Explained(
-        "no bands, where this exposure would show them clearly",
-        "as for identify.no_bands: check the frequencies and the exposure",
-    ),
-    "fit.misfit": Explained(
-        "the model of a panel explains too little of the light", "remove what hides the panel or shines on it"
-    ),
-    "fit.uncertain": Explained(
-        "corners are known to no better than an eighth of a cell", "go nearer; a dark edge around the cells"
-    ),
-    "track.contradicted": Explained("the frame contradicts the ID of this track; its earlier frames are forgotten", ""),
-    "track.no_time": Explained(
-        "the frame's time was over before this panel's turn came; the next frame begins with it",
-        "fewer panels in view, a faster processor",
-    ),
-    "track.same_place": Explained("what fits better is in the same place, or it was found before", ""),
-    "track.innovation": Explained(
-        "the frame fails the innovation gate: it differs too much from the frames before; the panel must be read again",
-        "",
-    ),
-    "cells.too_small": Explained("a cell is less than 2 pixels wide", "go nearer"),
-    "cells.outside_picture": Explained("a cell is not wholly in the picture", "bring the whole panel into view"),
-    "cells.saturated": Explained("too many pixels of a cell are full", "less gain or exposure"),
-    "cells.dark": Explained("a cell gives no light", "check the solder joints"),
-    "identify.unfit": Explained(
-        "the light of the cells gives no evidence (no solution, or too many pixels are full)", "less gain or exposure"
-    ),
-    "identify.no_bands": Explained(
-        "nothing blinks at the configured frequencies",
-        "check the frequencies; keep the exposure off their nulls (ledpi calibrate panel says so); "
-        "no capacitor after the MOSFETs",
-    ),
-    "identify.implausible_depth": Explained(
-        "bands are deeper or shallower than this exposure makes them",
-        "check camera.exposure_us, and what dims the lamp",
-    ),
-    "identify.not_in_dictionary": Explained(
-        "the pattern is no codeword of the dictionary, or cannot be distinguished from such a pattern",
-        "go nearer; more frames; or a cell is on the wrong output, or soldered as seen from the front: compare the "
-        "cells with the wiring picture; for pictures that were turned by 180°, camera.rows_from",
-    ),
-    "identify.ambiguous": Explained("two IDs are nearly as likely", "go nearer; more frames"),
-    "identify.inconsistent_cells": Explained(
-        "some cells contradict the codeword", "remove what hides cells or shines on them"
-    ),
-    "identify.id_not_in_panels_ids": Explained("read, but not one of the panels that exist", "list it in panels.ids"),
-    "suppression.same_id": Explained(
-        "one ID in several places; none is reported", "give each panel an ID of its own; a glossy floor may mirror one"
-    ),
-    "suppression.same_panel": Explained("two squares for one panel; the better one is kept", ""),
-    "pose.unsolved": Explained("no pose in front of the camera fits the corners", "calibrate the lens"),
-    "pose.not_square": Explained(
-        "no pose of a square explains the corners: they are off by 4 % of the side or more",
-        "calibrate the lens; check that the grid is square, and that nothing bright touches it",
-    ),
-    "fix.not_in_map": Explained("no panel in view is in the map", "add it to the map"),
-    "fix.ambiguous": Explained(
-        "one panel is seen, and its mirror pose is not excluded", "show two panels; panels.upright: true"
-    ),
-    "fix.panels_contradict": Explained("panels contradict the map", "correct the map"),
-    "state.not_started": Explained(
-        "no panel that leaves no choice has been seen yet, or nothing for so long that the robot may be anywhere",
-        "show a panel of the map, from nearer or from aside",
-    ),
-    "state.not_in_map": Explained("the state was shown a panel that is not in the map", "add it to the map"),
-    "state.no_pose": Explained("a panel without a pose or its covariance", "calibrate the lens"),
-    "state.too_old": Explained("it arrived more than 2 s late", "check the controller's clock"),
-    "state.in_future": Explained("its time is after it arrived", "check the controller's clock"),
-    "state.no_number": Explained("a total of the odometry is not finite", "check the controller"),
-    "state.odometry_leap": Explained(
-        "totals differ by more than wheels can do (10 m/s, 20 rad/s): they begin anew",
-        "set the flag restarted where they do",
-    ),
-    "uemura.no_square": Explained("with decode.method: uemura only: no square", "use likelihood"),
-    "uemura.cell_without_bands": Explained(
-        "with decode.method: uemura only: a cell shows no bands", "use likelihood, or a shorter exposure"
-    ),
-    "uemura.not_in_dictionary": Explained("with decode.method: uemura only: no codeword", "use likelihood"),
-    "capture.timestamp": Explained("a frame has no time, or one that is not after the last", ""),
-    "capture.exposure": Explained("the camera did not expose as asked", "set what the camera can do"),
-    "capture.repeated": Explained(
-        "the camera gave the very same picture again, with a new time; no pose is made of it",
-        "its driver hangs: unplug it, or restart the machine",
-    ),
-    "capture.unreadable": Explained("a picture of a recording cannot be read (or truncated, or of the wrong_size)", ""),
-    "camera.lost": Explained("the camera stalls, fails or is unplugged; it is opened again", "check the cable"),
-}
-
-
 def explained(key: str) -> Explained:
-    """A key like `find.too_small` in words; of one that this version does not know, the key itself."""
+    """A key like `find.too_small`, as docs/troubleshooting.md has it; of one that is not there, the key itself."""
     stage, _, reason = key.partition(".")
-    return REASONS.get(key) or Explained(f"{stage}: {reason.replace('_', ' ')}", "")
+    return Explained(*reasons().get(key, (f"{stage}: {reason.replace('_', ' ')}", "")))
+
+
+def why_no_fix(why: str) -> str:
+    """Returns words for `why`, which a newer daemon may say, too."""
+    return _WORDS.get(why.lower(), why.lower().replace("_", " "))
+
+
+class Mistake(NamedTuple):
+    """The word that a panel looks like, and what is to be done about it."""
+
+    says: str
+    helps: str
+
+
+def swapped(word: int) -> Mistake:
+    """Black's cells blink at white's frequency, and the other way round."""
+    return Mistake(
+        f"looks like ID {word} with its two frequencies swapped",
+        "exchange black's and white's outputs, or panels.black_hz and panels.white_hz",
+    )
+
+
+def mirrored(word: int) -> Mistake:
+    """Left and right are exchanged."""
+    return Mistake(
+        f"looks like ID {word} mirrored",
+        "it was wired as seen from the other side, or a mirror shows it: compare it with its wiring picture",
+    )
+
+
+def mirrored_and_swapped(word: int) -> Mistake:
+    """Both."""
+    return Mistake(
+        f"looks like ID {word} mirrored and with its two frequencies swapped",
+        "it was wired as seen from the other side: compare it with its wiring picture, and exchange the outputs",
+    )
+
+
+def of_dictionary(word: int, other: Dictionary, configured: Dictionary) -> Mistake:
+    """A word of another dictionary than the configured one."""
+    return Mistake(
+        f"looks like ID {word} of {other.name}",
+        f"panels.dictionary is {configured.name}: change the panel or this setting so that they match",
+    )
+
+
+def turned(word: int, rows_from: RowsFrom) -> Mistake:
+    """Rows were read out from the other side of the picture than configured."""
+    why = {"below": "a program turned the picture by 180° after read-out", "above": "the picture is as it was read out"}
+    return Mistake(
+        f"this is ID {word}, if the picture's rows run from {rows_from}: {why[rows_from]}",
+        f"set camera.rows_from: {rows_from}",
+    )
+
+
+def mistake_of(cells_nats: Floats, dictionary: Dictionary) -> Mistake | None:
+    """A likely mistake; None where none explains the cells, or where they are a word as they are.
+
+    `cells_nats`, (n, n): log-likelihood ratio of white's class over black's, as seen in the picture.
+    """
+    side = dictionary.cells_per_side
+    if cells_nats.shape != (side, side) or not (np.abs(cells_nats) >= SURE_NATS).all():
+        return None
+    seen = cells_nats > 0
+    if _word_like(seen, dictionary) is not None:
+        return None
+    for cells, mistake in ((~seen, swapped), (seen[:, ::-1], mirrored), (~seen[:, ::-1], mirrored_and_swapped)):
+        if (word := _word_like(cells, dictionary)) is not None:
+            return mistake(word)
+    for other in other_dictionaries(dictionary, side):
+        if (word := _word_like(seen, other)) is not None:
+            return of_dictionary(word, other, dictionary)
+    return None
+
+
+def other_dictionaries(dictionary: Dictionary, side: int) -> list[Dictionary]:
+    """The predefined ones of so many cells along a side, the smallest first: it is the likelier one."""
+    names = [name for name in dictionary_names() if name.startswith(f"DICT_{side}X{side}_") and name != dictionary.name]
+    return sorted((load_dictionary(name) for name in names), key=lambda other: len(other.codewords))
+
+
+def _word_like(seen: Bits, dictionary: Dictionary) -> int | None:
+    """The ID whose word looks exactly so, turned by quarters."""
+    same = (dictionary.rotated_codewords() == seen).all(axis=(2, 3)).any(axis=1)
+    return int(same.argmax()) if same.any() else None

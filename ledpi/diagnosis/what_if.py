@@ -17,10 +17,9 @@ import numpy as np
 from ledpi.config.panels import PanelSettings
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics, RowsFrom
-from ledpi.diagnosis import mistakes, other_frequencies
-from ledpi.diagnosis.mistakes import Mistake
+from ledpi.diagnosis import other_frequencies, reasons
+from ledpi.diagnosis.reasons import Mistake
 from ledpi.markers.codewords import Dictionary
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 
 # Cells of the predefined dictionaries, the most first: a part of a panel may show a word of fewer cells.
@@ -49,7 +48,7 @@ class WhatIf:
 
     def __init__(self, camera: CameraInfo, panels: PanelSettings, lens: Intrinsics | None) -> None:
         self._camera, self._panels, self._lens = camera, panels, lens
-        self._dictionary = load_dictionary(panels.dictionary)
+        self._dictionary = panels.words
         self._made: list[_Guess] = []
         self._to_make = self._make_guesses()
 
@@ -87,7 +86,7 @@ class WhatIf:
         near = [_only(frame, places_px) for frame in run]
         turned, as_it_is = self._longest_read(near, other), self._longest_read(near, own)
         return [
-            Supposed(one.corners_px, mistakes.turned(marker_id, other))
+            Supposed(one.corners_px, reasons.turned(marker_id, other))
             for marker_id, one in turned.items()
             if one.frames_used > 1 and (marker_id not in as_it_is or as_it_is[marker_id].frames_used < one.frames_used)
         ]
@@ -129,13 +128,13 @@ class WhatIf:
 
     def _make_guesses(self) -> Iterator[_Guess]:
         panels, own = self._panels, self._dictionary
-        yield self._guess(mistakes.mirrored, flipped=True)
+        yield self._guess(reasons.mirrored, flipped=True)
         if panels.phase == "free":
             exchanged = {"black_hz": panels.white_hz, "white_hz": panels.black_hz}
-            yield self._guess(mistakes.swapped, exchanged)
-            yield self._guess(mistakes.mirrored_and_swapped, exchanged, flipped=True)
+            yield self._guess(reasons.swapped, exchanged)
+            yield self._guess(reasons.mirrored_and_swapped, exchanged, flipped=True)
         for side in OTHER_SIDES:
-            if others := mistakes.other_dictionaries(own, side):
+            if others := reasons.other_dictionaries(own, side):
                 yield self._guess(partial(_of_smallest, others, own), {"dictionary": others[-1].name})
 
     def _guess(
@@ -146,7 +145,7 @@ class WhatIf:
         flipped: bool = False,
     ) -> _Guess:
         panels = self._panels.model_copy(update={"overrides": {}, **(changes or {})})
-        every = tuple(range(len(load_dictionary(panels.dictionary).codewords)))
+        every = tuple(range(len(panels.words.codewords)))
         panels = panels.model_copy(update={"ids": every})
         lens = self._lens
         if flipped and lens is not None:
@@ -164,7 +163,7 @@ def _of_smallest(others: Sequence[Dictionary], own: Dictionary, marker_id: int) 
     if any(same.shape == word.shape and (same == word).all() for same in own.codewords):
         return None
     smallest = next(other for other in others if marker_id < len(other.codewords))
-    return mistakes.of_dictionary(marker_id, smallest, own)
+    return reasons.of_dictionary(marker_id, smallest, own)
 
 
 def _only(frame: Frame, places_px: Sequence[Floats]) -> Frame:

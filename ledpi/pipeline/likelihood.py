@@ -25,7 +25,6 @@ from ledpi.decode.reader import Outcome, Reader
 from ledpi.decode.states import Event
 from ledpi.decode.track import CONTRADICTED, SAME_CELLS, SAME_PLACE, SAME_START, Track, Tracker
 from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.results import Results
 from ledpi.pipeline.trace import SquareTrace
 
@@ -49,7 +48,7 @@ class LikelihoodPath:
     def __init__(
         self, camera: CameraInfo, panels: PanelSettings, groups: Groups, intrinsics: Intrinsics | None, *, stream: bool
     ) -> None:
-        dictionary = load_dictionary(panels.dictionary)
+        dictionary = panels.words
         self._cells, self._specs = dictionary.cells_per_side, tuple(spec for spec, _ in groups)
         self._intrinsics, self._stream = intrinsics, stream
         codebooks = [Codebook.build(ids, dictionary, spec) for spec, ids in groups]

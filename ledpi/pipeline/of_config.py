@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ledpi.config.robot import load_robot
+from ledpi.config.robot import base_link_from_camera, load_own_map
 from ledpi.config.settings import Config
 from ledpi.core.records import CameraInfo, Intrinsics, PanelValues
 from ledpi.pipeline.pipeline import Pipeline
@@ -27,4 +27,13 @@ def pipeline_of(
         robot=load_robot(config) if robot is None else robot,
         method=config.decode.method,
         stream=stream,
+    )
+
+
+def load_robot(config: Config) -> Robot:
+    """Reads the map too, if there is one. Raises ConfigError."""
+    return Robot(
+        base_link_from_camera=base_link_from_camera(config.robot.camera_mount),
+        panels=load_own_map(config),
+        panels_upright=config.panels.upright,
     )

@@ -19,7 +19,6 @@ from ledpi.core.records import (
     Rejected,
 )
 from ledpi.core.row_clock import MIN_DEVIATION, RowClock
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.likelihood import LikelihoodPath
 from ledpi.pipeline.repeats import REPEATED, Repeats
 from ledpi.pipeline.results import Results
@@ -60,7 +59,7 @@ class Pipeline:
         self.panels = panels = panels if source_panel is None else panels.override_with(source_panel)
         self._method: Method = method
         self._stream = stream
-        dictionary, groups = load_dictionary(panels.dictionary), _same_frequencies(panels)
+        dictionary, groups = panels.words, _same_frequencies(panels)
         self.cells, self.specs = dictionary.cells_per_side, tuple(spec for spec, _ in groups)
         self._existing = panels.existing_ids()
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.codewords))}
@@ -119,7 +118,7 @@ class Pipeline:
 def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]]:
     """The panel and the IDs of each set of frequencies and duty that there is."""
     groups: dict[tuple[tuple[float, ...], float], tuple[PanelSpec, list[int]]] = {}
-    for marker_id in range(len(load_dictionary(panels.dictionary).codewords)):
+    for marker_id in range(len(panels.words.codewords)):
         spec = panels.spec(marker_id)
         groups.setdefault((spec.waves_hz, spec.duty), (spec, []))[1].append(marker_id)
     return list(groups.values())

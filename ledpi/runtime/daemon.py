@@ -17,30 +17,31 @@ from ledpi.camera.factory import is_same_camera
 from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
 from ledpi.config.camera_yaml import lens_of
-from ledpi.config.robot import load_robot, unreadable_note
+from ledpi.config.robot import unreadable_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected
 from ledpi.decode.identify.frequency_search import off_frequency_note
-from ledpi.pipeline.of_config import pipeline_of
+from ledpi.pipeline.of_config import load_robot, pipeline_of
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pose.fix import Robot
-from ledpi.runtime.health import Health, StageTimes
-from ledpi.runtime.left import NOTHING_LEFT, Left, publisher_of
-from ledpi.runtime.liveness import Liveness
-from ledpi.runtime.observers import Observers
-from ledpi.runtime.pacing import Pacing
-from ledpi.runtime.processor import read_processor
-from ledpi.runtime.reporting import Totals, is_service, minute_line, second_line
+from ledpi.runtime.health import (
+    Health,
+    RecentPackets,
+    Totals,
+    health,
+    minute_line,
+    second_line,
+    status,
+)
+from ledpi.runtime.liveness import Liveness, Pacing
+from ledpi.runtime.observers import Observers, setup_of
+from ledpi.runtime.reload import NOTHING_LEFT, Left, publisher_of
+from ledpi.runtime.reporting import Watchdog, is_service, notify
 from ledpi.runtime.rewind import ASKED
 from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.robot_state import Now, robot_state_of
-from ledpi.runtime.status import status
-from ledpi.runtime.systemd import notify
-from ledpi.runtime.tapping import RecentPackets, health, setup_of
-from ledpi.runtime.threads import keep_for_good, keep_memory, switch_promptly
-from ledpi.runtime.watchdog import Watchdog
-from ledpi.runtime.workers import Workers
+from ledpi.runtime.threads import Workers, keep_for_good, keep_memory, switch_promptly
 from ledpi.tap.server import Tap
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
@@ -96,8 +97,6 @@ class Daemon:
         self._state = robot_state_of(config, robot, resets, self._tell_state, self._health.reject)
         ear = self._state if config.hears_controller else None
         self._publisher = publisher_of(config, robot.base_link_from_camera, resets, ear, publisher)
-        self._times = StageTimes()
-        self._processor = read_processor()
         self._noted_off_frequency: set[int] = set()  # panels that blink at other frequencies than configured
         self._liveness = Liveness()
         self._partial_results = 0  # of frames, as they were known
@@ -221,7 +220,6 @@ class Daemon:
         return status(
             self._totals(),
             self._liveness,
-            self._processor,
             uptime_s=time.monotonic() - self._started_s,
             calibrated=self.calibrated,
             has_map=self._has_map,
@@ -274,7 +272,7 @@ class Daemon:
             watchdog.update(self._steps(totals))
             self._publisher.name_others()
             if now_s - health_s >= HEALTH_EVERY_S:
-                self._times, self._processor = self._health.times(), read_processor()
+                self._health.refresh()
                 totals = self._totals()
                 packets = recent.add(totals.packets)
                 if self._observers.has_followers:
@@ -282,21 +280,16 @@ class Daemon:
                 if not is_service():
                     _log.info(second_line(last, totals, now_s - health_s))
                 elif now_s - minute_s >= MINUTE_S:
-                    _log.info(minute_line(totals, self._processor))
+                    _log.info(minute_line(totals))
                     minute_s = now_s
                 last, health_s = totals, now_s
 
     def _steps(self, totals: Totals) -> int:
         """Counts progress: in frames, within a frame, or in opening a lost camera until that gives up."""
-        return totals.health.decoded + self._partial_results + totals.health.rejected.get(LOST.key, 0)
+        return totals.decoded + self._partial_results + totals.rejected.get(LOST.key, 0)
 
     def _totals(self) -> Totals:
-        return Totals(
-            health=self._health.snapshot(),
-            times=self._times,
-            ring=self._ring.counters(),
-            packets=self._publisher.counters,
-        )
+        return self._health.totals(self._ring.counters(), self._publisher.counters)
 
 
 def _warn(config: Config, pipeline: Pipeline, info: CameraInfo, robot: Robot) -> None:

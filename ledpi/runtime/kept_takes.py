@@ -15,37 +15,26 @@ import tarfile
 from bisect import bisect_right
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ledpi.core.errors import RecordingError
-from ledpi.runtime.take_order import oldest_first
-from ledpi.runtime.take_writer import PART
-from ledpi.runtime.takes import takes_folder
+from ledpi.runtime.takes import PART, oldest_first, takes_folder
 from ledpi.tap.protocol import Request
 
 PIECE_BYTES = 1 << 18
 MOST_LISTED = 300  # the newest
 _NAME = re.compile(rf"\d{{8}}T\d{{6}}Z-[a-z_]{{1,20}}(-\d{{1,3}})?({re.escape(PART)})?", re.ASCII)
-_BLOCK = tarfile.BLOCKSIZE
 _IN_WORK = "is being written; ask again when it is complete"
 
 
-class _Member(NamedTuple):
-    """A file of a take, as it lies in the tar file."""
-
-    header: bytes
-    relative: str
-    bytes: int
-
-
 class _Archive(NamedTuple):
-    """The place of each file of a take in its tar file."""
+    """A take's tar file: what it is made of, bytes or a file of the take, and where each begins."""
 
     of: tuple[str, int, int]  # name, inode and time of the folder
-    starts: tuple[int, ...]
-    members: tuple[_Member, ...]
-    bytes: int  # of the whole file
+    parts: tuple[bytes | str, ...]
+    starts: tuple[int, ...]  # and the end
 
 
 class KeptTakes:
@@ -67,9 +56,9 @@ class KeptTakes:
         with self._opened(request) as folder:
             archive = self._archive_of(request.name or "", folder)
             offset = request.offset
-            if offset > archive.bytes:
-                raise RecordingError(f"offset: the take has {archive.bytes} bytes, not {offset}")
-            return {"size": archive.bytes, "raw": _piece(archive, folder, offset)}
+            if offset > archive.starts[-1]:
+                raise RecordingError(f"offset: the take has {archive.starts[-1]} bytes, not {offset}")
+            return {"size": archive.starts[-1], "raw": _piece(archive, folder, offset)}
 
     def delete(self, request: Request) -> dict[str, Any]:
         """For good. Raises RecordingError where it is being written."""
@@ -132,16 +121,14 @@ def _is_at_rest(folder: int) -> bool:
 
 def _archive(of: tuple[str, int, int], folder: int) -> _Archive:
     """Regular files only, in the order of their names."""
-    members, starts, end = [], [], 0
+    parts: list[tuple[bytes | str, int]] = []
     for relative, status in sorted(_files(folder)):
         info = tarfile.TarInfo(f"{of[0]}/{relative}")
         info.size, info.mtime, info.mode = status.st_size, int(status.st_mtime), 0o644
-        member = _Member(info.tobuf(tarfile.PAX_FORMAT), relative, status.st_size)
-        members.append(member)
-        starts.append(end)
-        end += len(member.header) + _padded(member.bytes)
-    members.append(_Member(bytes(2 * _BLOCK), "", 0))  # a tar file's end
-    return _Archive(of, (*starts, end), tuple(members), end + 2 * _BLOCK)
+        header, padding = info.tobuf(tarfile.PAX_FORMAT), bytes(-status.st_size % tarfile.BLOCKSIZE)
+        parts += [(header, len(header)), (relative, status.st_size), (padding, len(padding))]
+    parts.append((bytes(2 * tarfile.BLOCKSIZE), 2 * tarfile.BLOCKSIZE))  # a tar file's end
+    return _Archive(of, tuple(part for part, _ in parts), tuple(accumulate((size for _, size in parts), initial=0)))
 
 
 def _files(folder: int) -> Iterator[tuple[str, os.stat_result]]:
@@ -154,27 +141,20 @@ def _files(folder: int) -> Iterator[tuple[str, os.stat_result]]:
 
 def _piece(archive: _Archive, folder: int, offset: int) -> bytes:
     """The tar file's bytes from `offset` on, PIECE_BYTES at most."""
-    piece, end = bytearray(), min(archive.bytes, offset + PIECE_BYTES)
+    piece, end = bytearray(), min(archive.starts[-1], offset + PIECE_BYTES)
     while (at := offset + len(piece)) < end:
         number = bisect_right(archive.starts, at) - 1
-        piece += _part(archive.members[number], folder, at - archive.starts[number], end - at)
+        part, within, most = (
+            archive.parts[number],
+            at - archive.starts[number],
+            min(end, archive.starts[number + 1]) - at,
+        )
+        if isinstance(part, bytes):
+            piece += part[within : within + most]
+            continue
+        with _descriptor(Path(part), 0, folder) as file:
+            content = os.pread(file, most, within)
+        if not content:
+            raise RecordingError(f"{part}: is shorter than it was")
+        piece += content
     return bytes(piece)
-
-
-def _part(member: _Member, folder: int, within: int, most: int) -> bytes:
-    """Header, content or padding of one file, from there on; nothing behind it."""
-    if within < len(member.header):
-        return member.header[within : within + most]
-    within -= len(member.header)
-    if within >= member.bytes:
-        return bytes(min(most, _padded(member.bytes) - within))
-    most = min(most, member.bytes - within)
-    with _descriptor(Path(member.relative), 0, folder) as file:
-        content = os.pread(file, most, within)
-    if not content:
-        raise RecordingError(f"{member.relative}: is shorter than it was")
-    return content
-
-
-def _padded(size: int) -> int:
-    return -(-size // _BLOCK) * _BLOCK

@@ -1,9 +1,10 @@
-"""A lost camera, told apart from a decoder that is behind: the controller hears which of the two is at fault."""
+"""The pace of frames: a lost camera, told apart from a decoder that is behind, and the budget of a frame's search."""
 
 from __future__ import annotations
 
 import threading
 import time
+from dataclasses import dataclass
 
 from ledpi.core.records import Frame
 
@@ -13,6 +14,11 @@ LOST_TICKS = 3
 # While frames come late, it is the computer that is slow, and the next may come as late as the last did.
 LOST_BEHIND_TICKS = 30
 BEHIND_NS = 200_000_000
+SHARE = 0.9  # of a frame period: the rest is for capture and publisher
+# Budgets, in places at which the model is compared with the picture: what a candidate that is a panel takes, so that
+# each has its turn at last; and what a picture full of texture can use.
+MIN_BUDGET, MAX_BUDGET = 25_000, 1_000_000
+PACE_MEMORY = 0.05  # weight of a new frame: speeds change as processors are throttled, within seconds
 
 
 class Liveness:
@@ -71,3 +77,22 @@ class Liveness:
 
     def _is_behind(self) -> bool:
         return self._in_work_ns is not None and time.monotonic_ns() - self._in_work_ns > BEHIND_NS
+
+
+@dataclass(slots=True)
+class Pacing:
+    """Pacing of one daemon. The decoder counts its work in places; only here is it known how long these take."""
+
+    period_ms: float
+    unit_ms: float = 0.0003  # that a place takes, all else counted in: before the first frame, a PC's; a Pi's is 0.0015
+
+    def budget_after(self, spent: int, took_ms: float) -> int:
+        """For the next frame, after one that compared at so many places and took so long.
+
+        One that compared at less than a candidate's has done little else but find; it tells the less of what a place
+        takes.
+        """
+        if spent > 0:
+            weight = PACE_MEMORY * min(spent / MIN_BUDGET, 1.0)
+            self.unit_ms += weight * (took_ms / spent - self.unit_ms)
+        return min(max(int(SHARE * self.period_ms / max(self.unit_ms, 1e-6)), MIN_BUDGET), MAX_BUDGET)

@@ -2,26 +2,82 @@
 
 from __future__ import annotations
 
+import logging
+import os
 from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ledpi.config.origins import origins_of, values_of
+from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
-from ledpi.core.errors import RecordingError
-from ledpi.core.records import CameraInfo, Decoded, Frame
+from ledpi.core.errors import ConfigError, RecordingError
+from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
+from ledpi.pose.panel_map import PanelMap
 from ledpi.runtime.kept_takes import KeptTakes
+from ledpi.runtime.reporting import event
 from ledpi.runtime.rewind import ASKED, Rewind
 from ledpi.runtime.robot_state import Now
+from ledpi.runtime.takes import Shown
 from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.state.inputs import Odometry
 from ledpi.tap import messages
 from ledpi.tap.messages import Setup
+from ledpi.tap.places import AUTO, to_serve
 from ledpi.tap.protocol import COMMANDS, Request
 from ledpi.tap.server import Tap
+
+_log = logging.getLogger("ledpi")
+
+
+def open_tap(config: Config, now: Tap | None = None) -> Tap | None:
+    """The tap that this configuration asks for: `now`, if that is where it is, and can still be found there.
+
+    Raises ConfigError where a path is given at which none can be. Where `auto` finds no place the daemon runs without:
+    a robot needs its poses more than anybody needs to look at them.
+    """
+    setting = config.tap.socket
+    if setting is None:
+        return None
+    try:
+        path = to_serve(setting)
+        if now is not None and now.path == path and now.is_there:
+            return now
+        tap = Tap(path)
+    except ConfigError as error:
+        if setting != AUTO:
+            raise
+        _log.warning(event("tap_off", reason=str(error)))
+        return None
+    tap.start()
+    return tap
+
+
+def close_tap(tap: Tap | None, but: Tap | None = None) -> None:
+    """Closes it, if there is one and it is not the one that goes on."""
+    if tap is not None and tap is not but:
+        tap.close()
+
+
+def setup_of(
+    config: Config, camera: CameraInfo, panels: PanelSettings, lens: Intrinsics | None, panel_map: PanelMap | None
+) -> Setup:
+    """Returns what a follower is told first. `panels`: with what the camera knows better."""
+    return Setup(
+        pid=os.getpid(),
+        camera=camera,
+        source=config.camera.source,
+        intrinsics=lens,
+        panels=panels,
+        panel_map=panel_map,
+        values=values_of(config),
+        origins=origins_of(config),
+        config_path=None if config.file is None else str(config.file),
+    )
 
 
 class Observers:
@@ -32,14 +88,12 @@ class Observers:
     ) -> None:
         """`camera`: with the lens that poses are solved with. `period_ms`: between two frames."""
         self._tap, self._setup = tap, setup
-        source = config.camera.source
-        self._rewind = Rewind(config.rewind, pipeline, camera, period_ms, source) if config.rewind.seconds else None
-        self._recorder = None if tap is None else TapRecorder(pipeline, camera, source)
+        shown = Shown(camera, pipeline.panels.dictionary, pipeline.panels.spec(), config.camera.source)
+        self._rewind = Rewind(config.rewind, shown, period_ms) if config.rewind.seconds else None
+        self._recorder = None if tap is None else TapRecorder(shown)
 
     def start(self, odometry: Callable[[Odometry], None] | None) -> None:
         """Before the first frame. `odometry` takes that of the tap's clients; None: theirs is not asked for."""
-        if self._rewind is not None:
-            self._rewind.start()
         if self._tap is None or self._recorder is None:
             return
         if self._rewind is not None:

@@ -10,12 +10,11 @@ Which frames were decoded is settled as each is captured, so its line in frames.
 
 from __future__ import annotations
 
-import queue
-import threading
+from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -46,12 +45,6 @@ class Recorded:
     picture_bytes: int = 0
 
 
-class _Job(NamedTuple):
-    frame: Frame
-    png: Future[bytes]
-    decoded: bool
-
-
 class FrameWriter(Protocol):
     """A context that takes the frames, and what was decoded of them meanwhile. Raises RecordingError."""
 
@@ -76,10 +69,8 @@ class Recorder:
         self._writer = writer
         self._pipeline = pipeline
         self._gain = GainFollower(camera)
-        self._jobs: queue.Queue[_Job | None] = queue.Queue(WAITING)
-        self._to_decode: queue.SimpleQueue[Frame | None] = queue.SimpleQueue()
-        self._decoder_is_free = threading.Event()
-        self._decoder_is_free.set()
+        self._waiting: deque[Frame] = deque()  # until they are on the disk
+        self._decoder_is_free = True
         self._stopping = False
         self._failure: BaseException | None = None
 
@@ -90,22 +81,17 @@ class Recorder:
     def run(self, frames: int | None = None) -> None:
         """Until `stop`, the camera's end, or so many frames. Raises LedpiError; what was written by then is whole."""
         switch_promptly()
-        with self._writer, ThreadPoolExecutor(ENCODERS) as encoders:
-            writer = threading.Thread(target=self._guard, args=(self._write,))
-            decoder = threading.Thread(target=self._guard, args=(self._decode,))
-            writer.start()
-            decoder.start()
-            try:
-                self._capture(encoders, frames)
-            finally:
-                self._jobs.put(None)
-                self._to_decode.put(None)
-                writer.join()
-                decoder.join()
+        with (
+            self._writer,
+            ThreadPoolExecutor(ENCODERS) as encoders,
+            ThreadPoolExecutor(1) as writer,
+            ThreadPoolExecutor(1) as decoder,
+        ):
+            self._capture(encoders, writer, decoder, frames)
         if self._failure is not None:
             raise self._failure
 
-    def _capture(self, encoders: ThreadPoolExecutor, frames: int | None) -> None:
+    def _capture(self, encoders: Executor, writer: Executor, decoder: Executor, frames: int | None) -> None:
         info = self._camera.info
         captured = unfit = 0  # unfit: since the last frame, whose number they have taken
         is_lost = False
@@ -125,47 +111,39 @@ class Recorder:
             self.done.missed += 0 if next_seq is None or is_lost else frame.seq - next_seq - unfit
             is_lost, unfit, next_seq = False, 0, frame.seq + 1
             captured += 1
-            if self._jobs.full():
+            if len(self._waiting) >= WAITING:
                 self.done.dropped += 1
                 continue
-            is_decoded = self._decoder_is_free.is_set() and self._jobs.qsize() < BEHIND
+            is_decoded = self._decoder_is_free and len(self._waiting) < BEHIND
+            self._waiting.append(frame)
             if is_decoded:
-                self._decoder_is_free.clear()
-                self._to_decode.put(frame)
-            self._jobs.put(_Job(frame, encoders.submit(encode_picture, frame.pixels), is_decoded))
+                self._decoder_is_free = False
+                decoder.submit(self._guard, self._decode, frame)
+            writer.submit(self._guard, self._write, frame, encoders.submit(encode_picture, frame.pixels), is_decoded)
 
-    def _write(self) -> None:
-        """Never leaves capture waiting: after a failure it goes on taking jobs, and writes none."""
-        while (job := self._jobs.get()) is not None:
-            if self._failure is None:
-                try:
-                    budget = self._pipeline.likelihood.search_budget if job.decoded else None
-                    png = job.png.result()
-                    size = self._writer.write(
-                        job.frame,
-                        png=png,
-                        decoded=job.decoded,
-                        search_budget=budget,
-                        wall_clock_offset_ns=unix_offset_ns(job.frame),
-                    )
-                except Exception as error:  # a full disk: what is there is a recording
-                    self._failure = error
-                    self._stopping = True
-                    continue
-                self.done.written += 1
-                self.done.picture_bytes += size
+    def _write(self, frame: Frame, png: Future[bytes], decoded: bool) -> None:
+        """Never leaves capture waiting: after a failure nothing more is written, as of a full disk."""
+        self._waiting.popleft()
+        if self._failure is None:
+            self.done.picture_bytes += self._writer.write(
+                frame,
+                png=png.result(),
+                decoded=decoded,
+                search_budget=self._pipeline.likelihood.search_budget if decoded else None,
+                wall_clock_offset_ns=unix_offset_ns(frame),
+            )
+            self.done.written += 1
 
-    def _decode(self) -> None:
-        while (frame := self._to_decode.get()) is not None:
-            decoded = self._pipeline.decode(frame)
-            self._gain.update(frame, decoded)
-            self.done.decoded += 1
-            self._decoder_is_free.set()
-            self._writer.write_live(frame, decoded)
+    def _decode(self, frame: Frame) -> None:
+        decoded = self._pipeline.decode(frame)
+        self._gain.update(frame, decoded)
+        self.done.decoded += 1
+        self._decoder_is_free = True
+        self._writer.write_live(frame, decoded)
 
-    def _guard(self, loop: Callable[[], None]) -> None:
+    def _guard(self, work: Callable[..., None], *values: Any) -> None:
         try:
-            loop()
-        except BaseException as error:
+            work(*values)
+        except BaseException as error:  # what is there is a recording
             self._failure = self._failure or error
             self._stopping = True

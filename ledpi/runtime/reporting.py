@@ -1,31 +1,66 @@
-"""Reports of a run to the journal: single lines, `key=value` where a program may read them."""
+"""Reports of a run: lines of the journal, key=value where a program may read them, and words to systemd."""
 
 from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 import select
+import socket
 import sys
-from dataclasses import dataclass
+import time
 from typing import TextIO
 
-from ledpi.runtime.health import HealthSnapshot, StageTimes
-from ledpi.runtime.processor import Processor
-from ledpi.runtime.ring import RingCounters
-from ledpi.wire.publisher_counters import PublisherCounters
-
+_TIMEOUT_S = 1.0  # systemd reads at once; the daemon does not hang on it if it should not
+# Of the watchdog, in the time that it allows: each 1.7 s of a WatchdogSec=10, and at least each 2 s where a tick and a
+# frame have to be waited for.
+FEEDS = 6
 _PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DEBUG: 7}  # syslog's
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Totals:
-    """The sums of a run."""
+def notify(message: str) -> bool:
+    """Sends `READY=1`, `WATCHDOG=1`, `STOPPING=1` or `STATUS=…`. Returns whether systemd got it.
 
-    health: HealthSnapshot
-    times: StageTimes
-    ring: RingCounters
-    packets: PublisherCounters
+    False where no service manager listens (NOTIFY_SOCKET is not set), or where its socket is gone: a daemon
+    goes on without.
+    """
+    address = os.environ.get("NOTIFY_SOCKET", "")
+    if not address.startswith(("/", "@")):
+        return False
+    if address.startswith("@"):
+        address = "\0" + address[1:]  # an abstract socket, which has no file
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+            sender.settimeout(_TIMEOUT_S)
+            sender.sendto(message.encode(), address)
+    except OSError:
+        return False
+    return True
+
+
+def watchdog_period_s() -> float | None:
+    """Returns how often to send `WATCHDOG=1`: each 1.7 s of a WatchdogSec=10; None where no watchdog watches us."""
+    limit_us, watched = os.environ.get("WATCHDOG_USEC", ""), os.environ.get("WATCHDOG_PID", str(os.getpid()))
+    if not limit_us.isdecimal() or int(limit_us) == 0 or watched != str(os.getpid()):
+        return None
+    return int(limit_us) * 1e-6 / FEEDS
+
+
+class Watchdog:
+    """The service manager's, which is fed as long as there is progress."""
+
+    def __init__(self) -> None:
+        self._period_s = watchdog_period_s()
+        # The first step counts at once: after a reload it was last fed before the camera was opened.
+        self._fed_s, self._fed_steps = -math.inf, 0
+
+    def update(self, steps: int) -> None:
+        """Sends `WATCHDOG=1` if it is time, and if more `steps` are done than when it was sent last."""
+        now_s = time.monotonic()
+        if self._period_s is not None and now_s - self._fed_s >= self._period_s and steps > self._fed_steps:
+            notify("WATCHDOG=1")
+            self._fed_s, self._fed_steps = now_s, steps
 
 
 def is_service() -> bool:
@@ -80,39 +115,3 @@ def _quoted(value: object) -> str:
         return "yes" if value else "no"
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if text and not set(text) & set(' "=\n') else json.dumps(text, ensure_ascii=False)
-
-
-def second_line(before: Totals, now: Totals, seconds: float) -> str:
-    """For a person who watches: what the last second brought, and what was lost so far."""
-    health, packets = now.health, now.packets
-    stages = " ".join(f"{name} {p50:.1f}" for name, (p50, _) in now.times.stages_ms.items())
-    port = "port open" if packets.connected else f"no port ({packets.error})" if packets.error else "no port"
-    return (
-        f"{(now.ring.published - before.ring.published) / seconds:.0f} frames/s, "
-        f"{(health.decoded - before.health.decoded) / seconds:.0f} decoded/s, "
-        f"{(health.markers - before.health.markers) / seconds:.0f} markers/s, {health.in_view} in view; "
-        f"dropped {now.ring.dropped} of {now.ring.published}; ms: {stages or 'none'}; "
-        f"packets {(packets.sent - before.packets.sent) / seconds:.0f}/s, stale {packets.stale}, {port}"
-    )
-
-
-def minute_line(now: Totals, processor: Processor) -> str:
-    """For the journal: every counter since the start by stage and reason, and the times of the recent frames."""
-    health, packets = now.health, now.packets
-    counts: dict[str, object] = {
-        "frames": now.ring.published,
-        "dropped": now.ring.dropped,
-        "decoded": health.decoded,
-        "markers": health.markers,
-        "in_view": health.in_view,
-    }
-    decode_ms = () if now.times.decode_ms is None else (("decode", now.times.decode_ms),)
-    for name, (p50, p99) in (*decode_ms, *now.times.stages_ms.items()):
-        counts |= {f"{name}_p50_ms": f"{p50:.2f}", f"{name}_p99_ms": f"{p99:.2f}"}
-    counts |= {f"sent.{kind}": getattr(packets, kind) for kind in ("fixes", "statuses", "markers")}
-    counts |= {f"unsent.{kind}": getattr(packets, kind) for kind in ("replaced", "stale", "refused", "cut")}
-    counts |= {"port_opened": packets.opened, "port": "open" if packets.connected else "absent"}
-    counts |= {"temperature_c": processor.temperature_c}
-    counts |= {"throttling": None if processor.throttling is None else f"0x{processor.throttling:04x}"}
-    counts |= {f"rejected.{reason}": count for reason, count in sorted(health.rejected.items())}
-    return event("health", **counts)

@@ -14,11 +14,10 @@ from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError, TapAgainError
 from ledpi.core.wording import one_line
 from ledpi.runtime.daemon import Daemon
-from ledpi.runtime.left import NOTHING_LEFT, Left
-from ledpi.runtime.reload import Reading
-from ledpi.runtime.reporting import Totals, event
-from ledpi.runtime.systemd import notify
-from ledpi.runtime.tapping import close_tap, open_tap
+from ledpi.runtime.health import Totals
+from ledpi.runtime.observers import close_tap, open_tap
+from ledpi.runtime.reload import NOTHING_LEFT, Left, Reading
+from ledpi.runtime.reporting import event, notify
 from ledpi.tap.protocol import Request
 from ledpi.tap.server import Tap
 from ledpi.wire.resets import Resets

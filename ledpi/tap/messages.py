@@ -15,7 +15,6 @@ from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, P
 from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.each_cell import class_given_others, classes_unread
 from ledpi.pipeline.output import decoded_as_json, state_as_json
 from ledpi.pipeline.trace import SquareTrace, Trace
@@ -88,7 +87,7 @@ def hello(setup: Setup, may: Sequence[str]) -> dict[str, Any]:
 
 
 def _map(panel_map: PanelMap, panels: PanelSettings) -> dict[str, Any]:
-    known = range(len(load_dictionary(panels.dictionary).codewords))
+    known = range(len(panels.words.codewords))
     return {
         str(marker_id): {
             "position_m": _rounded(panel.map_from_marker[:3, 3], 6),
@@ -169,7 +168,7 @@ def _cells(square: SquareTrace, panels: PanelSettings) -> list[float] | None:
     """The first is at the first corner, the row goes toward the second. None where no cell says anything by itself."""
     evidence, reading = square.evidence, square.reading
     if isinstance(evidence, Evidence) and isinstance(reading, Reading):
-        word = np.rot90(load_dictionary(panels.dictionary).codeword(reading.id), -reading.quarter_turns)
+        word = np.rot90(panels.words.codeword(reading.id), -reading.quarter_turns)
         return _rounded(class_given_others(evidence, reading.cell_bands, word.ravel()), 1)
     nats = classes_unread(square)
     return None if nats is None else _rounded(nats.ravel(), 1)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, TypeGuard, cast, get_args
 
 from ledpi.state.inputs import Odometry
 
@@ -25,17 +26,13 @@ NAMED: tuple[Do, ...] = ("save", "record", "odometry")  # in a hello: whoever ma
 TOTALS = ("left_m", "right_m", "yaw_rad")  # of odometry
 FLAGS = ("restarted", "lifted", "slipping")
 
-_KEYS: dict[Do, set[str]] = {
-    "picture": {"with"},
-    "config": set(),
-    "save": set(),
-    "record": {"seconds"},
-    "record_stop": set(),
-    "takes": set(),
-    "take": {"name", "offset"},
-    "take_delete": {"name"},
-    "reload": set(),
-    "odometry": {"t_ns", *TOTALS, *FLAGS},
+_KEYS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(get_args(Do), ()),
+    "picture": ("with",),
+    "record": ("seconds",),
+    "take": ("name", "offset"),
+    "take_delete": ("name",),
+    "odometry": ("t_ns", *TOTALS, *FLAGS),
 }
 
 
@@ -72,71 +69,66 @@ def read_request(line: bytes) -> Request:
     do = values.pop("do", None)
     if not isinstance(do, str) or do not in _KEYS:
         raise RequestError(f"do: must be one of {', '.join(_KEYS)}", request_id)
-    unknown = sorted(values.keys() - _KEYS[do])
+    unknown = sorted(values.keys() - set(_KEYS[do]))
     if unknown:
         known = ", ".join(("do", "id", *sorted(_KEYS[do])))
         raise RequestError(f"{unknown[0][:MAX_ID_LENGTH]}: unknown key; {do} has the keys {known}", request_id)
-    return Request(
-        do=do,
-        id=request_id,
-        extras=_extras(values.get("with", []), request_id),
-        seconds=_seconds(values.get("seconds"), request_id),
-        name=_name(values.get("name"), request_id),
-        offset=_offset(values.get("offset", 0), request_id),
-        odometry=_odometry(values, request_id) if do == "odometry" else None,
-    )
+    for key, value in values.items():
+        is_right, right = _VALUES[key]
+        if not is_right(value):
+            raise RequestError(f"{key}: must be {right}", request_id)
+    if do == "odometry":
+        return Request(do="odometry", id=request_id, odometry=_odometry(values, request_id))
+    extras = frozenset[Extra](values.pop("with", ()))
+    return Request(do=cast(Do, do), id=request_id, extras=extras, **values)
 
 
 def _id(value: object) -> RequestId:
-    if value is None or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 1 << 53):
-        return value
-    if isinstance(value, str) and len(value) <= MAX_ID_LENGTH:
+    if value is None or _is_text(value) or (_is_whole(value) and abs(value) < 1 << 53):
         return value
     raise RequestError(f"id: must be a whole number, or a text of {MAX_ID_LENGTH} characters at most")
 
 
-def _extras(value: object, request_id: RequestId) -> frozenset[Extra]:
-    if not isinstance(value, list) or any(item not in get_args(Extra) for item in value):
-        raise RequestError(f"with: must be a list of {', '.join(get_args(Extra))}", request_id)
-    return frozenset(value)
+def _is_text(value: object) -> TypeGuard[str]:
+    return isinstance(value, str) and len(value) <= MAX_ID_LENGTH
 
 
-def _seconds(value: object, request_id: RequestId) -> float | None:
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not MIN_SECONDS <= value <= MAX_SECONDS:
-        raise RequestError(f"seconds: must be a number from {MIN_SECONDS:g} to {MAX_SECONDS:g}", request_id)
-    return float(value)
+def _is_whole(value: object) -> TypeGuard[int]:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _name(value: object, request_id: RequestId) -> str | None:
-    if value is None or (isinstance(value, str) and len(value) <= MAX_ID_LENGTH):
-        return value
-    raise RequestError(f"name: must be a text of {MAX_ID_LENGTH} characters at most", request_id)
+def _is_time(value: object) -> bool:
+    return (_is_whole(value) or isinstance(value, float)) and MIN_SECONDS <= value <= MAX_SECONDS
 
 
-def _offset(value: object, request_id: RequestId) -> int:
-    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 53:
-        return value
-    raise RequestError("offset: must be a whole number from 0 on", request_id)
+def _is_total(value: object) -> bool:
+    return (_is_whole(value) or isinstance(value, float)) and abs(value) <= 1e9
+
+
+# Whether a value is right, and which would be.
+_VALUES: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "with": (
+        lambda value: isinstance(value, list) and all(item in get_args(Extra) for item in value),
+        f"a list of {', '.join(get_args(Extra))}",
+    ),
+    "seconds": (
+        lambda value: value is None or _is_time(value),
+        f"a number from {MIN_SECONDS:g} to {MAX_SECONDS:g}",
+    ),
+    "name": (lambda value: value is None or _is_text(value), f"a text of {MAX_ID_LENGTH} characters at most"),
+    "offset": (lambda value: _is_whole(value) and 0 <= value < 1 << 53, "a whole number from 0 on"),
+    "t_ns": (lambda value: _is_whole(value) and 0 <= value < 1 << 63, "a whole number, of CLOCK_MONOTONIC in ns"),
+    **dict.fromkeys(TOTALS, (lambda value: value is None or _is_total(value), "a number of m or rad, or null")),
+    **dict.fromkeys(FLAGS, (lambda value: isinstance(value, bool), "true or false")),
+}
 
 
 def _odometry(values: dict[str, Any], request_id: RequestId) -> Odometry:
-    t_ns = values.get("t_ns")
-    if not isinstance(t_ns, int) or isinstance(t_ns, bool) or not 0 <= t_ns < 1 << 63:
-        raise RequestError("t_ns: must be a whole number, the time of CLOCK_MONOTONIC in ns", request_id)
-    for key in TOTALS:
-        value = values.get(key)
-        if value is not None and (
-            isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e9
-        ):
-            raise RequestError(f"{key}: must be a number of m or rad, or null", request_id)
+    if "t_ns" not in values:
+        raise RequestError("t_ns: is missing; must be the time of CLOCK_MONOTONIC in ns", request_id)
     if (values.get("left_m") is None) != (values.get("right_m") is None):
         raise RequestError("left_m, right_m: must be two numbers, or none", request_id)
-    for key in FLAGS:
-        if not isinstance(values.get(key, False), bool):
-            raise RequestError(f"{key}: must be true or false", request_id)
-    return Odometry(**{key: values[key] for key in ("t_ns", *TOTALS, *FLAGS) if values.get(key) is not None})
+    return Odometry(**values)
 
 
 def error(text: str, request_id: RequestId = None, *, again: bool = False) -> dict[str, Any]:

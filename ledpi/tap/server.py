@@ -20,10 +20,9 @@ from ledpi.core.wording import one_line
 from ledpi.pipeline.trace import Trace
 from ledpi.tap import messages
 from ledpi.tap.commands import Command, Commands
-from ledpi.tap.crowd import Bell, Crowd
+from ledpi.tap.crowd import Bell, Crowd, Listening
 from ledpi.tap.faults import Faults
 from ledpi.tap.follower import Follower
-from ledpi.tap.listening import Listening
 from ledpi.tap.messages import Setup, Shown
 from ledpi.tap.protocol import AT_ONCE, Do, Extra, Request, error, write_line
 

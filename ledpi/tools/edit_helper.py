@@ -46,7 +46,7 @@ def passed_socket() -> socket.socket:
     return socket.socket(fileno=_FIRST)
 
 
-def serve(file: Path, listener: socket.socket, idle_s: float = IDLE_S) -> None:
+def serve_edits(file: Path, listener: socket.socket, idle_s: float = IDLE_S) -> None:
     """Answers one after the other, until nobody has asked for a while."""
     listener.settimeout(idle_s)
     while True:

@@ -17,8 +17,15 @@ from ledpi.core.files import parse_yaml, read_bytes
 from ledpi.core.mounts import lost_at_reboot
 from ledpi.core.wording import shortened_name
 from ledpi.tools.backup import CONFIG, RULE, Kept, collect, enabled_units, is_service, pack, to_write, unpack
-from ledpi.tools.calibrate.config_file import change_config, changed_safely, check_changeable
-from ledpi.tools.calibrate.files import changing, newest_kept, write_keeping_old, write_locked
+from ledpi.tools.calibrate.files import (
+    change_config,
+    changed_safely,
+    changing,
+    check_changeable,
+    newest_kept,
+    write_keeping_old,
+    write_locked,
+)
 
 _TOKEN = ("view", "token")
 _APPLIED = {"view": "start ledpi view again to apply it", "outputs": "start its bridge again to apply it"}

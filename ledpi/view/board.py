@@ -16,8 +16,7 @@ from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.core.errors import CalibrationError
 from ledpi.tools.calibrate.boards import SIDES, Board, BoardFinder, Kind
 from ledpi.tools.calibrate.camera import MIN_VIEWS, CameraCalibration, calibrate_camera, quality
-from ledpi.tools.calibrate.collecting import ENOUGH_VIEWS, Collection
-from ledpi.tools.calibrate.coverage import corner_counts
+from ledpi.tools.calibrate.collecting import ENOUGH_VIEWS, Collection, corner_counts
 from ledpi.view.pictures import Pictures
 
 LONGEST_S = 900.0  # after which a watch that was forgotten ends

@@ -11,14 +11,13 @@ from dataclasses import asdict
 from typing import Any
 
 from ledpi.core.errors import TapError
-from ledpi.diagnosis.no_fix import why_no_fix
+from ledpi.diagnosis.reasons import why_no_fix
 from ledpi.tap.client import Client, connect
 from ledpi.tools.doctor.running import checks
 from ledpi.view.lines import check_line
 from ledpi.view.metrics import Seen, metrics
-from ledpi.view.panels import PanelTable
+from ledpi.view.panels import PanelTable, panels_from_above, robot_from_above
 from ledpi.view.pictures import Pictures
-from ledpi.view.top_down import panels_from_above, robot_from_above
 
 RETRY_S = 0.3  # between two looks for a daemon at the start
 TICK_S = 0.5

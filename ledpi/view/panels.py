@@ -1,15 +1,21 @@
-"""The table of panels: each that was seen lately, with its place, age and rate. Pure; times are handed in."""
+"""Panels as the page shows them: the table of those seen lately, and the map from above. Pure; times are handed in."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from ledpi.core.geometry import matrix_from_quaternion
+from ledpi.tools.monitor import heading_deg
 from ledpi.view.overlay import place_of
 
 FORGOTTEN_NS = 30_000_000_000  # after so long unseen, a panel is no row any more
 RATE_NS = 2_000_000_000  # that a rate is counted over
+SIGMAS = 2.0  # of the ellipse's half axes: it holds 86 %
 
 
 @dataclass(slots=True)
@@ -50,4 +56,42 @@ def _row(marker_id: int, seen: _Seen, now_ns: int) -> dict[str, Any]:
         "rate_hz": round(within / (RATE_NS / 1e9), 1),
         "margin": seen.marker["margin"],
         "ambiguous": seen.marker.get("alternate") is not None,
+    }
+
+
+def panels_from_above(hello: dict[str, Any]) -> list[dict[str, Any]]:
+    """ID and corners (4, 2) of each panel of the daemon's map. A panel on a wall is a line from above."""
+    panels = []
+    for marker_id, panel in sorted((hello.get("map") or {}).items(), key=lambda item: int(item[0])):
+        turn = matrix_from_quaternion(np.array(panel["quaternion_wxyz"], np.float64))
+        half = (panel.get("side_m") or hello["panels"]["side_m"]) / 2
+        corners = half * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) @ turn.T
+        corners += np.array(panel["position_m"])
+        facing = turn[:2, 2].round(3).tolist()
+        panels.append({"id": int(marker_id), "corners_m": corners[:, :2].round(3).tolist(), "facing": facing})
+    return panels
+
+
+def robot_from_above(robot: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Place, heading (rad, from x towards y) and error ellipse of a line's `robot`."""
+    if robot is None:
+        return None
+    return {
+        "position_m": robot["position_m"][:2],
+        "heading_rad": round(math.radians(heading_deg(robot["quaternion_wxyz"])), 4),
+        "ellipse": _ellipse(robot.get("covariance")),
+        "panels_used": robot.get("panels_used", []),
+    }
+
+
+def _ellipse(covariance: list[float] | None) -> dict[str, float] | None:
+    """Half axes (m) and the first one's angle (rad) of SIGMAS deviations; None where they are not known."""
+    if covariance is None:
+        return None
+    spread, axes = np.linalg.eigh(np.array(covariance, np.float64).reshape(6, 6)[:2, :2])
+    short, long = SIGMAS * np.sqrt(np.maximum(spread, 0.0))
+    return {
+        "long_m": round(float(long), 5),
+        "short_m": round(float(short), 5),
+        "angle_rad": round(math.atan2(axes[1, 1], axes[0, 1]), 4),
     }

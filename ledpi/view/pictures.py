@@ -15,9 +15,8 @@ from ledpi.core.records import Floats, Pixels
 from ledpi.diagnosis.why_not import WhyNot
 from ledpi.recording.picture_text import with_text
 from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, why_not_of
-from ledpi.view.band_tiles import paint_bands
 from ledpi.view.encode import amplified, as_jpeg, as_png, focus, histogram
-from ledpi.view.overlay import dictionary_of, drawn, drawn_reasons, plain_reasons
+from ledpi.view.overlay import dictionary_of, drawn, drawn_reasons, paint_bands, plain_reasons
 
 Kind = Literal["plain", "bands", "whynot"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

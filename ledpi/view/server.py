@@ -18,8 +18,8 @@ from typing import Any, ClassVar
 
 from ledpi.core.errors import TapError
 from ledpi.view.board import BoardWatch, board_of
+from ledpi.view.connections import TEXT, Answers, GuardedServer, RequestHandler, encoded
 from ledpi.view.guard import Guard
-from ledpi.view.handler import TEXT, Answers, GuardedServer, RequestHandler, encoded
 from ledpi.view.hub import SAVED_S, Hub
 from ledpi.view.metrics import KIND as METRICS
 from ledpi.view.pictures import KINDS

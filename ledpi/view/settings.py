@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ledpi.config.check import mistakes_in
-from ledpi.config.documentation import documented
 from ledpi.config.mistakes import SECRET
 from ledpi.config.origins import COMMAND_LINE, DEFAULT, values_of
 from ledpi.config.settings import load_config, sections
+from ledpi.config.shipped import documented
 from ledpi.core.errors import LedpiError, TapError
 from ledpi.tools.backup import MAX_BYTES
 from ledpi.tools.calibrate.files import newest_kept

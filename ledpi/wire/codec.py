@@ -67,6 +67,11 @@ def encode(message: Message, sequence: int) -> bytes:
     return bytes(cobs.encode(content + _CRC.pack(zlib.crc32(content)))) + DELIMITER
 
 
+def number_after(sequence: int) -> int:
+    """Returns the next packet's number: 0 only once, so that a receiver sees a restart."""
+    return sequence % 0xFFFF + 1
+
+
 def decode(frame: bytes, kinds: tuple[type[Message], ...] = FROM_LEDPI) -> tuple[int, Message]:
     """Sequence number and message of a frame without its delimiter. Raises FrameError.
 

@@ -12,7 +12,7 @@ from ledpi.config.settings import SerialSettings
 from ledpi.core.errors import WireError
 from ledpi.core.holder import described, openers
 from ledpi.core.records import Decoded
-from ledpi.wire.codec import DELIMITER, encode
+from ledpi.wire.codec import DELIMITER, encode, number_after
 from ledpi.wire.ear import Ear, listening
 from ledpi.wire.line import SerialLine
 from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink
@@ -267,7 +267,7 @@ class Publisher:
 
     def _count_sent(self) -> None:
         if self._mavlink is None:
-            self._sequence = self._sequence % 0xFFFF + 1  # 0 only once, so that a receiver sees a restart
+            self._sequence = number_after(self._sequence)
         else:
             self._mavlink.count_sent()
 

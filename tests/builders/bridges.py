@@ -197,7 +197,7 @@ class Mqtt(Far):
             (*own_user, f"listener {self.port} 127.0.0.1", *(lines or ("allow_anonymous true",)), "persistence false")
         )
         self._config.write_text(text + "\n", encoding="utf-8")
-        self._subscriber: Any = None
+        self.subscriber: Any = None
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -209,14 +209,14 @@ class Mqtt(Far):
             [MOSQUITTO, "-c", str(self._config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
         wait_until(lambda: _listens(self.port))
-        if self._subscriber is None:
+        if self.subscriber is None:
             self._subscribe()
 
     def _subscribe(self) -> None:
         import paho.mqtt.client as paho
         from paho.mqtt.enums import CallbackAPIVersion
 
-        self._subscriber = client = paho.Client(CallbackAPIVersion.VERSION2)
+        self.subscriber = client = paho.Client(CallbackAPIVersion.VERSION2)
         client.reconnect_delay_set(0.05, 0.2)  # type: ignore[arg-type]
         client.on_message = lambda _c, _d, message: self._hear(message)
         client.on_connect = lambda *_: client.subscribe("ledpi/#")
@@ -245,8 +245,8 @@ class Mqtt(Far):
         self._broker.send_signal(signal.SIGCONT)
 
     def close(self) -> None:
-        if self._subscriber is not None:
-            self._subscriber.loop_stop()
+        if self.subscriber is not None:
+            self.subscriber.loop_stop()
         self.vanish()
 
 

@@ -17,7 +17,6 @@ from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Scene, SimulatedSens
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.trajectory import Still, facing_camera
 from ledpi.tools.panel.firmware import Build, plan_firmware, write_firmware
-from ledpi.tools.panel.firmware_readme import readme_text
 from tests.builders.simavr import CLOCK_HZ, Cycles, PinTrace, build_with_make
 
 WORDS = load_dictionary("DICT_4X4_50").codewords
@@ -57,7 +56,7 @@ def program(
     planned = plan_firmware(
         build, load_dictionary(dictionary), marker_id, spec, exposure_us=EXPOSURE_US, scan_time_s=SCAN_TIME_S
     )
-    write_firmware(planned, readme_text(planned), folder)
+    write_firmware(planned, folder)
     return build_with_make(folder)
 
 

@@ -15,7 +15,8 @@ from ledpi.config.settings import Config, load_config
 from ledpi.core.records import CameraInfo, Decoded, Frame
 from ledpi.pipeline.output import decoded_as_json
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.runtime.rewind_ring import RUN_IN_NS
+from ledpi.runtime.kept_frames import RUN_IN_NS
+from ledpi.runtime.takes import Shown
 from tests.builders.daemon import SIMULATED
 
 HEIGHT, WIDTH = 480, 640  # of numbered frames
@@ -31,6 +32,12 @@ class Stream:
     camera: CameraInfo
     frames: list[Frame]
     live: list[Decoded]
+
+    @property
+    def shown(self) -> Shown:
+        """Words of a recording of it."""
+        panels = self.config.panels
+        return Shown(self.camera, panels.dictionary, panels.spec(), "simulated")
 
     def pipeline(self) -> Pipeline:
         """Another one, which has seen nothing."""

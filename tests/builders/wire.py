@@ -26,6 +26,7 @@ from ledpi.wire import (
     WirePose,
 )
 from ledpi.wire.codec import FROM_CONTROLLER, FROM_LEDPI
+from ledpi.wire.publisher_counters import PublisherCounters
 from tests.builders import ROOT
 
 PAGE = ROOT / "docs" / "wire.md"
@@ -131,3 +132,9 @@ def decoded_now(*marker_ids: int, fix: bool = False, age_ms: float = 1.0) -> Dec
     mid_ns = time.monotonic_ns() - round(age_ms * 1e6)
     robot = robot_fix(mid_ns) if fix else None
     return decoded(*(marker_pose(marker_id, mid_ns) for marker_id in marker_ids), robot=robot)
+
+
+def publisher_counters(**changed: int) -> PublisherCounters:
+    """None of anything, but for these; the port is open."""
+    names = ("fixes", "statuses", "markers", "replaced", "stale", "refused", "cut", "opened")
+    return PublisherCounters(**(dict.fromkeys(names, 0) | changed), port="/dev/ttyACM0", connected=True, error=None)

@@ -13,7 +13,7 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from ledpi.camera.recovering import DEADLINE_S
-from ledpi.cli import app, main
+from ledpi.cli import COMMANDS, app, main
 from tests.builders import ROOT
 
 _GLOBS = ("README.md", "CONTRIBUTING.md", "docs/*.md", "firmware/*/*.md")
@@ -112,7 +112,7 @@ def commands(group: Any, path: str = "ledpi") -> Iterator[tuple[str, Any]]:
 
 def loaded(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Returns the command line, once it has loaded its commands."""
-    monkeypatch.setattr("sys.argv", ["ledpi", "--help"])
+    monkeypatch.setattr("sys.argv", ["ledpi", "--help", *COMMANDS])
     with pytest.raises(SystemExit):
         main()
     return get_command(app)
@@ -122,6 +122,12 @@ def test_the_help_of_every_command_has_an_example(monkeypatch: pytest.MonkeyPatc
     """One that calls this very command."""
     without = [path for path, command in commands(loaded(monkeypatch)) if f"Example: {path}" not in command.help]
     assert without == []
+
+
+def test_the_help_of_all_says_of_each_command_what_its_own_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There no command is loaded."""
+    own = {name: command.get_short_help_str(100) for name, command in loaded(monkeypatch).commands.items()}
+    assert own == COMMANDS
 
 
 def test_a_list_of_commands_is_not_cut_short(
@@ -147,8 +153,8 @@ def test_the_page_of_commands_has_every_command(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_benchmarks_that_a_page_names_are_there() -> None:
-    """`python -m evaluation.speed latency`, as it is typed."""
-    for document, (folder, name) in found(r"python -m evaluation\.(\w+)(?: ([a-z]\w*))?"):
+    """`python -m evaluation.speed.latency`, as it is typed."""
+    for document, (folder, name) in found(r"python -m evaluation\.(\w+)(?:\.(\w+))?"):
         there = ROOT / "evaluation" / folder
         assert there.is_dir() or there.with_suffix(".py").is_file(), document
         assert not name or (there / f"{name}.py").is_file(), f"{document}: {folder} {name}"

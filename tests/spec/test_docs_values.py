@@ -8,15 +8,14 @@ from typing import Any
 import pytest
 import yaml
 
-from ledpi.config.documentation import documented
 from ledpi.config.panels import PanelOverride
 from ledpi.config.settings import Config, load_config
+from ledpi.config.shipped import documented
 from ledpi.core.errors import ConfigError
 from ledpi.core.shutter import contrast
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit
-from ledpi.tools.panel.pins import plan_pins
+from ledpi.tools.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit, plan_pins
 from ledpi.tools.panel.sheet_parts import parts
 from tests.builders import ROOT
 from tests.builders.config import known_keys, written_values

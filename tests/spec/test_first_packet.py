@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from ledpi.camera.simulated import open_simulated
-from ledpi.config.robot import load_robot
 from ledpi.config.settings import load_config
 from ledpi.core.records import Frame
+from ledpi.pipeline.of_config import load_robot
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.receiver import HEADER, ROOT
 

@@ -21,7 +21,7 @@ from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.trajectory import Still
-from ledpi.tools.evaluate.reading import PanelReader
+from ledpi.tools.evaluate.scoring import PanelReader
 
 PANELS = load_config(None, ("panels.side_m=0.16",)).panels
 WORDS = load_dictionary(PANELS.dictionary).codewords

@@ -89,13 +89,14 @@ def sent_markers(written: list[tuple[int, bytes]]) -> dict[int, tuple[int, Marke
     return {m.id: (at_ns, m) for at_ns, some in messages for m in some if isinstance(m, MarkerMessage)}
 
 
-def wait_until_lent(publisher: Publisher, line: Controller) -> None:
-    line.wait_for(lambda _: publisher._lent is not None)
+def wait_until_free(publisher: Publisher, line: Controller) -> None:
+    """Until a pose that is published is written at once: the first status has left."""
+    line.wait_for(lambda _: publisher.counters.statuses > 0)
 
 
 def understated_us(publisher: Publisher, line: Controller, written: list[tuple[int, bytes]], ids: list[int]) -> float:
     """Sends these panels and says by how much the age of one is too small, at most."""
-    wait_until_lent(publisher, line)
+    wait_until_free(publisher, line)
     written.clear()
     mid_ns = time.monotonic_ns() - 30_000_000
     publisher.publish(decoded(*(marker_pose(marker_id, mid_ns) for marker_id in ids)))
@@ -153,7 +154,7 @@ def test_a_pose_that_grows_too_old_while_its_packet_is_made_is_not_written(monke
     with controller() as line:
         publisher = Publisher(SerialSettings(port=line.port, baud=FAST))
         publisher.start()
-        wait_until_lent(publisher, line)
+        wait_until_free(publisher, line)
         arm()
         publisher.publish(decoded_now(3, age_ms=85.0))
         line.wait_for(lambda _: publisher.counters.stale == 1)
@@ -170,7 +171,7 @@ def test_a_packet_that_is_made_again_keeps_its_number(monkeypatch: pytest.Monkey
     with controller(max_age_us=LONG_MS * 1000) as line:
         publisher = Publisher(SerialSettings(port=line.port, baud=FAST, max_age_ms=LONG_MS))
         publisher.start()
-        wait_until_lent(publisher, line)
+        wait_until_free(publisher, line)
         arm()
         publisher.publish(decoded_now(3, age_ms=30.0))
         line.wait_for(lambda end: bool(end.markers))

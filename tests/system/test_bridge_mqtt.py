@@ -98,21 +98,14 @@ def test_a_password_in_the_configuration_is_refused_and_not_quoted(folder: Path)
 
 
 @pytest.mark.slow
-def test_the_last_will_says_that_a_killed_bridge_is_gone(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
-    """The broker keeps it for whoever comes later."""
+def test_who_was_killed_is_told_of(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
+    """The daemon by the bridge, which waits for another; the bridge by its last will, kept for whoever comes later."""
     with bridge(broker.settings, folder / "tap.sock", folder) as running:
-        wait_until(lambda: len(broker.frames) > 3)
-        running.process.kill()
-        wait_until(lambda: states(broker)[-1] == "gone")
-
-
-@pytest.mark.slow
-def test_a_daemon_that_was_killed_is_told_of(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
-    """By the bridge, which waits for another."""
-    with bridge(broker.settings, folder / "tap.sock", folder):
         wait_until(lambda: len(broker.frames) > 3)
         daemon.close()
         wait_until(lambda: states(broker)[-1] == "no_daemon")
+        running.process.kill()
+        wait_until(lambda: states(broker)[-1] == "gone")
 
 
 def refusal(values: dict[str, Any], folder: Path) -> str:
@@ -144,16 +137,19 @@ def test_a_certificate_of_another_authority_ends_it(broker: Mqtt, folder: Path) 
 
 
 @pytest.mark.slow
-def test_an_ended_certificate_ends_it(folder: Path) -> None:
-    """It says that it has expired."""
-    far = Secure(folder, "ended.pem")
-    far._subscriber = object()
+@pytest.mark.parametrize(
+    ("certificate", "says"), [("ended.pem", "certificate has expired"), ("other.pem", "is not valid for 'localhost'")]
+)
+def test_a_certificate_of_another_time_or_name_ends_it(folder: Path, certificate: str, says: str) -> None:
+    """It says that it has expired, or which name was asked for."""
+    far = Secure(folder, certificate)
+    far.subscriber = object()
     far.start()
     try:
         said = refusal(far.settings, folder)
     finally:
         far.vanish()
-    assert "certificate has expired" in said
+    assert says in said
     assert said.endswith("renew it, or see host and ca_file")
 
 
@@ -170,24 +166,10 @@ def test_a_port_without_tls_is_told_of(daemon: MadeUpDaemon, folder: Path) -> No
 
 
 @pytest.mark.slow
-def test_a_name_that_is_not_in_the_certificate_ends_it(folder: Path) -> None:
-    """It is said which name was asked for."""
-    far = Secure(folder, "other.pem")
-    far._subscriber = object()
-    far.start()
-    try:
-        said = refusal(far.settings, folder)
-    finally:
-        far.vanish()
-    assert "is not valid for 'localhost'" in said
-    assert said.endswith("renew it, or see host and ca_file")
-
-
-@pytest.mark.slow
 def test_a_certificate_that_signs_itself_ends_it_until_it_is_the_ca_file(daemon: MadeUpDaemon, folder: Path) -> None:
     """As a small broker has it."""
     far = Secure(folder, "self.pem")
-    far._subscriber = object()
+    far.subscriber = object()
     far.start()
     try:
         assert "its certificate is not accepted (self" in refusal(far.settings, folder)
@@ -231,9 +213,9 @@ def test_robots_on_one_broker_are_told_apart(daemon: MadeUpDaemon, folder: Path)
         values = {"kind": "mqtt", "host": "127.0.0.1", "port": far.port}
         with bridge(values, folder / "tap.sock", folder) as running:
             wait_until(lambda: f"{topic}/setup" in [name for name, _, _ in far.messages])
-            far._subscriber.publish(f"{topic}/setup", json.dumps({"host": own}))
+            far.subscriber.publish(f"{topic}/setup", json.dumps({"host": own}))
             wait_until(lambda: f"of a machine that is named {own} too" in running.log)
-        far._subscriber.publish(f"{topic}/setup", '{"host": "other"}', retain=True)
+        far.subscriber.publish(f"{topic}/setup", '{"host": "other"}', retain=True)
         wait_until(lambda: b'{"host": "other"}' in [data for _, data, _ in far.messages])
         with bridge(values, folder / "tap.sock", folder) as running:
             told = {f"{topic}/{what}" for what in ("setup", "frame", "health")}

@@ -91,7 +91,7 @@ def test_a_tool_finds_every_topic_by_what_the_bridge_tells_of_itself(tmp_path: P
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param(5, id="5 s"), pytest.param(30, id="30 s", marks=pytest.mark.slow)],
+    params=[pytest.param(5, id="5 s"), pytest.param(30, id="30 s", marks=pytest.mark.nightly)],
 )
 def drive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Drive:
     """A robot's, up to two panels of a map and back, at 59 frames a second."""

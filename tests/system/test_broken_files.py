@@ -202,10 +202,10 @@ def complaint(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str
     return of
 
 
-def eight_refused(file: Path, read: Callable[[Path], object], place: Path) -> Iterator[None]:
-    """Damages `file` until `place` is refused, eight times."""
+def two_refused(file: Path, read: Callable[[Path], object], place: Path) -> Iterator[None]:
+    """Damages `file` until `place` is refused, twice."""
     sound, rng, refused = file.read_bytes(), random.Random(file.name), 0
-    while refused < 8:
+    while refused < 2:
         file.write_bytes(damaged(sound, rng))
         if is_refused(read, place):
             refused += 1
@@ -223,7 +223,7 @@ def test_every_command_refuses_a_configuration(
     file = tmp_path / "config.yaml"
     shutil.copy(ROOT / "config.yaml", file)
     with_it = ["--config", str(file)]
-    for _ in eight_refused(file, load_config, file):
+    for _ in two_refused(file, load_config, file):
         for name in ("run", "snapshot", "calibrate"):
             assert str(file) in complaint([name, *with_it])
         for name in ("decode", "record"):
@@ -236,7 +236,7 @@ def test_every_command_refuses_a_map(tmp_path: Path, sound_take: Path, complaint
     file = tmp_path / "markers.yaml"
     file.write_text(MAP, encoding="utf-8")
     with_it = [*SIDE, "--set", f"map={file}"]
-    for _ in eight_refused(file, load_map, file):
+    for _ in two_refused(file, load_map, file):
         assert str(file) in complaint(["run", *with_it, "--set", "camera.source=simulated"])
         assert str(file) in complaint(["decode", *with_it, str(sound_take)])
 
@@ -249,7 +249,7 @@ def test_every_command_refuses_a_recording(
     """With status 2 and one line that names it."""
     take = tmp_path / "take"
     shutil.copytree(sound_take, take)
-    for _ in eight_refused(take / name, load_recording, take):
+    for _ in two_refused(take / name, load_recording, take):
         for command in ("run", "snapshot"):
             assert str(take) in complaint([command, *SIDE, "--set", f"camera.source=recording:{take}"])
         assert str(take) in complaint(["decode", *SIDE, str(take)])

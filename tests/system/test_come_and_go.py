@@ -13,22 +13,22 @@ from tests.builders.tap import reach
 from tests.builders.view import Page, ended, start_daemon, view
 from tests.builders.waiting import wait_until
 
-TIMES = 200
 # Of a process, after the first quarter: a recording's queue may take 24 MB, and does where the machine is busy.
 GROWTH_MB = 40
 
 
 @pytest.mark.slow
-def test_who_comes_and_goes_leaves_nothing_behind(tmp_path: Path) -> None:
+@pytest.mark.parametrize("times", [60, pytest.param(200, marks=pytest.mark.nightly)])
+def test_who_comes_and_goes_leaves_nothing_behind(tmp_path: Path, times: int) -> None:
     """Neither in the daemon nor in the page's server."""
     settings = (*SMALL, "rewind.seconds=0")
     with ended(start_daemon(tmp_path, *settings)) as daemon, view(tmp_path) as page:
         reach(tmp_path / "tap.sock").close()
         wait_until(lambda: page.ask("/api/state")["link"]["state"] != "down")
-        for _ in range(TIMES // 4):
+        for _ in range(times // 4):
             come_and_go(tmp_path, page)
         before = [held(process) for process in (daemon, page.process)]
-        for _ in range(TIMES):
+        for _ in range(times):
             come_and_go(tmp_path, page)
         for process, (descriptors, threads, resident_mb) in zip((daemon, page.process), before, strict=True):
             wait_until(lambda p=process, d=descriptors, t=threads: held(p)[0] <= d + 1 and held(p)[1] <= t + 1)

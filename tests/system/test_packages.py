@@ -124,7 +124,9 @@ def test_a_wheel_holds_every_file_of_the_package(machine: str, dist: Path) -> No
 
 
 @slow
-@pytest.mark.parametrize("version", PYTHONS)
+@pytest.mark.parametrize(
+    "version", [PYTHONS[0], *(pytest.param(each, marks=pytest.mark.nightly) for each in PYTHONS[1:])]
+)
 def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_path: Path) -> None:
     """In a fresh environment, with no other program to be found: it installs, decodes, runs, and can be imported."""
     python = interpreter(version)
@@ -155,23 +157,22 @@ def test_the_source_package_installs(dist: Path, take: Path, tmp_path: Path) -> 
 
 @slow
 def test_the_wheel_for_arm_decodes_alike(dist: Path, take: Path, tmp_path: Path) -> None:
-    """In an emulator of 64-bit ARM. Its core has loops of its own, other ones for deep bands and for streams."""
+    """In an emulator of 64-bit ARM. Its core has loops of its own, other ones for deep bands and for streams.
+
+    A first frame's pose has the covariance that the core for x86-64 gives it, but for rounding.
+    """
     short = tmp_path / "short"
     drawn = ("--distance", "0.6", "--id", "7", "--frames", "2", "--exposure-us", "150")
     run(sys.executable, "-m", "ledpi", "simulate", short, *drawn)
-    for options in (["--single-frame", take], ["--single-frame", short], [short]):
-        check_decoded(run(ROOT / "scripts/emulated-aarch64", wheel(dist, "aarch64"), "decode", *options))
-
-
-@slow
-def test_the_wheel_for_arm_is_as_certain(dist: Path, take: Path) -> None:
-    """A first frame's pose has the covariance that the wheel for x86-64 gives it, but for rounding."""
-    options = ["decode", "--single-frame", str(take)]
-    printed = (
-        run(ROOT / "scripts/emulated-aarch64", wheel(dist, "aarch64"), *options),
-        run(sys.executable, "-m", "ledpi", *options),
-    )
-    arm, other = ([frame["markers"][0]["covariance"][::7] for frame in frames(each)] for each in printed)
+    alone = ["decode", "--single-frame", str(take)]
+    printed = [
+        run(ROOT / "scripts/emulated-aarch64", wheel(dist, "aarch64"), *options)
+        for options in (alone, ["decode", "--single-frame", short], ["decode", short])
+    ]
+    for each in printed:
+        check_decoded(each)
+    here = run(sys.executable, "-m", "ledpi", *alone)
+    arm, other = ([frame["markers"][0]["covariance"][::7] for frame in frames(each)] for each in (printed[0], here))
     assert np.sqrt(arm) == pytest.approx(np.sqrt(other), rel=0.02)
 
 

@@ -22,8 +22,7 @@ from ledpi.core.records import Frame, Pixels, Rejected, RobotFix
 from ledpi.pose.fix_history import CONTRADICTION
 from ledpi.recording.reader import load_recording
 from ledpi.runtime.rewind import AGAIN_NS, Rewind
-from ledpi.runtime.take_writer import LIVE_FILE
-from ledpi.runtime.takes import takes_folder
+from ledpi.runtime.takes import LIVE_FILE, takes_folder
 from tests.builders.command import ledpi
 from tests.builders.daemon import (
     COMMAND,
@@ -251,8 +250,7 @@ def kept_by(rewind: Rewind, drive: Stream, *, contradicted: bool, later_ns: int 
 
 @pytest.fixture
 def rewind(drive: Stream, takes: Path) -> Iterator[Rewind]:
-    made = Rewind(RewindSettings(seconds=1.0, memory_mb=50.0), drive.pipeline(), drive.camera, 17.0, "simulated")
-    made.start()
+    made = Rewind(RewindSettings(seconds=1.0, memory_mb=50.0), drive.shown, 17.0)
     yield made
     made.close()
 
@@ -289,8 +287,7 @@ def test_a_panel_that_a_fix_leaves_out_is_contradicted(rewind: Rewind, drive: St
 def test_a_replay_saves_no_fault(drive: Stream, takes: Path) -> None:
     """Between its rounds there is a gap, and what it shows is recorded already. Who asks gets it all the same."""
     settings = RewindSettings(seconds=1.0, memory_mb=50.0)
-    made = Rewind(settings, drive.pipeline(), drive.camera, 17.0, "recording:/takes/kitchen")
-    made.start()
+    made = Rewind(settings, drive.shown._replace(source="recording:/takes/kitchen"), 17.0)
     kept_by(made, drive, contradicted=True)
     made.tick(0, lost=True)
     assert made.save().result(limit_s()).name.endswith("-asked")
@@ -335,7 +332,7 @@ def test_a_person_s_daemon_writes_in_their_own(monkeypatch: pytest.MonkeyPatch) 
 def test_what_does_not_fit_is_reported(drive: Stream, takes: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Ten seconds in 20 MB: how many there are instead."""
     with caplog.at_level(logging.WARNING):
-        Rewind(RewindSettings(seconds=10.0, memory_mb=20.0), drive.pipeline(), drive.camera, 17.0, "simulated")
+        Rewind(RewindSettings(seconds=10.0, memory_mb=20.0), drive.shown, 17.0)
     (told,) = [record.getMessage() for record in caplog.records if "rewind_short" in record.getMessage()]
     assert "wanted=10 memory_mb=20" in told
 
@@ -361,6 +358,6 @@ def test_memory_grows_by_no_more_than_its_budget(takes: Path) -> None:
 
 def test_asking_too_early_is_refused(drive: Stream, takes: Path) -> None:
     """Before a frame was decoded."""
-    made = Rewind(RewindSettings(seconds=1.0, memory_mb=50.0), drive.pipeline(), drive.camera, 17.0, "simulated")
+    made = Rewind(RewindSettings(seconds=1.0, memory_mb=50.0), drive.shown, 17.0)
     with pytest.raises(RecordingError, match="nothing is kept yet"):
         made.save()

@@ -7,6 +7,7 @@ import signal
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,13 +19,10 @@ from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
-from ledpi.runtime.health import Health
-from ledpi.runtime.processor import Processor, read_processor
-from ledpi.runtime.reporting import Totals, event, minute_line
+from ledpi.runtime.health import RECENT_S, Health, Processor, RecentPackets, minute_line, read_processor
+from ledpi.runtime.reporting import event
 from ledpi.runtime.ring import RingCounters
-from ledpi.runtime.tapping import RECENT_S, RecentPackets
 from ledpi.wire import StatusMessage
-from ledpi.wire.publisher_counters import PublisherCounters
 from tests.builders import ROOT
 from tests.builders.daemon import (
     COMMAND,
@@ -38,7 +36,7 @@ from tests.builders.daemon import (
     wait_for_log,
     write_recording,
 )
-from tests.builders.wire import decoded
+from tests.builders.wire import decoded, publisher_counters
 
 # ---- As systemd starts it
 
@@ -217,7 +215,7 @@ def test_progress_within_a_frame_feeds_the_watchdog(
     with daemon_in_thread(config, open_simulated(config, paced=True)) as running:
         try:
             assert [manager() for _ in range(6)] == ["READY=1", *["WATCHDOG=1"] * 5]
-            assert running._totals().health.decoded == 0
+            assert running._totals().decoded == 0
         finally:
             fed.set()
 
@@ -235,10 +233,7 @@ def test_an_event_is_one_line_of_keys_and_values() -> None:
 def test_of_the_packets_the_last_seconds_are_counted() -> None:
     """Forgets what was lost before."""
 
-    def counters(**changed: int) -> PublisherCounters:
-        names = ("fixes", "statuses", "markers", "replaced", "stale", "refused", "cut", "opened")
-        return PublisherCounters(**(dict.fromkeys(names, 0) | changed), port="/dev/ttyACM0", connected=True, error=None)
-
+    counters = publisher_counters
     recent = RecentPackets(counters())
     assert recent.add(counters(stale=500)) == {"seconds": 1, "sent": 0, "replaced": 0, "stale": 500, "refused": 0}
     for second in range(1, RECENT_S + 1):
@@ -251,19 +246,12 @@ def test_the_minutes_line_has_every_counter() -> None:
     health = Health()
     health.reject(Rejected(stage="capture", reason="truncated"))
     health.add(decoded())
-    packets = PublisherCounters(
-        **dict.fromkeys(("fixes", "statuses", "markers", "replaced", "stale", "refused", "cut", "opened"), 3),
-        port="/dev/ttyACM0",
-        connected=True,
-        error=None,
-    )
-    totals = Totals(
-        health=health.snapshot(),
-        times=health.times(),
-        ring=RingCounters(published=9, taken=8, dropped=1),
-        packets=packets,
-    )
-    line = minute_line(totals, Processor(temperature_c=61, throttling=0x0105))
+    every = ("fixes", "statuses", "markers", "replaced", "stale", "refused", "cut", "opened")
+    health.refresh()
+    ring = RingCounters(published=9, taken=8, dropped=1)
+    totals = health.totals(ring, publisher_counters(**dict.fromkeys(every, 3)))
+    totals = replace(totals, processor=Processor(temperature_c=61, throttling=0x0105))
+    line = minute_line(totals)
     assert line == (
         "health frames=9 dropped=1 decoded=1 markers=0 in_view=0 decode_p50_ms=0.00 decode_p99_ms=0.00 "
         "sent.fixes=3 sent.statuses=3 sent.markers=3 unsent.replaced=3 unsent.stale=3 unsent.refused=3 unsent.cut=3 "

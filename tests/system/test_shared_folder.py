@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ledpi.cli.drawn import write_drawn
+from ledpi.cli.pictures import write_drawn
 from ledpi.tools.calibrate.files import check_writable, write_keeping_old
 from tests.builders.waiting import wait_until
 

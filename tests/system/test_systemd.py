@@ -1,4 +1,4 @@
-"""The service: the unit as systemd reads it, and what the daemon tells systemd."""
+"""The services: their units as systemd reads them, and what the daemon tells systemd."""
 
 from __future__ import annotations
 
@@ -14,37 +14,59 @@ from pathlib import Path
 import pytest
 
 from ledpi.runtime.daemon import TICK_S
-from ledpi.runtime.systemd import notify
-from ledpi.runtime.watchdog import Watchdog, watchdog_period_s
+from ledpi.runtime.reporting import Watchdog, notify, watchdog_period_s
 from ledpi.tap.places import GROUP, NAME, SERVICE
+from tests.builders import ROOT
 from tests.builders.systemd import Unit, assert_closed_in, needs_systemd, said_of
 
-UNIT = Unit("ledpi.service")
-
-
-@pytest.fixture
-def unit(tmp_path: Path) -> Path:
-    return UNIT.copy_to(tmp_path)
+UNIT, BRIDGE, VIEW = (Unit(f"ledpi{name}.service") for name in ("", "-bridge@", "-view"))
+each_service = pytest.mark.parametrize("service", [UNIT, BRIDGE, VIEW], ids=lambda service: service.path.name)
 
 
 @needs_systemd
-def test_the_unit_is_clean(unit: Path) -> None:
-    """systemd has nothing to say about it: no unknown key, no key in the wrong section, no bad value."""
+@each_service
+def test_a_unit_is_clean_and_closed_in(tmp_path: Path, service: Unit) -> None:
+    """No unknown key, no key in the wrong section, no bad value, and little that it could do by systemd's measure.
+
+    The check can fail: a key that systemd does not know is reported.
+    """
+    unit = service.copy_to(tmp_path).rename(tmp_path / service.path.name.replace("@", "@field"))
     assert said_of(unit) == ""
-
-
-@needs_systemd
-def test_a_mistake_in_the_unit_would_be_seen(unit: Path) -> None:
-    """The check above can fail: a key that systemd does not know is reported."""
-    text = unit.read_text(encoding="utf-8").replace("WatchdogSec=", "WatchDogSec=")
-    unit.write_text(text, encoding="utf-8")
-    assert "WatchDogSec" in said_of(unit)
-
-
-@needs_systemd
-def test_the_service_is_closed_in(unit: Path) -> None:
-    """Leaves it little that it could do, by systemd's own measure."""
     assert_closed_in(unit)
+    unit.write_text(unit.read_text(encoding="utf-8").replace("Restart=", "ReStart="), encoding="utf-8")
+    assert "ReStart" in said_of(unit)
+
+
+@each_service
+def test_a_mistake_of_the_owner_is_not_tried_again_but_a_failure_is(service: Unit) -> None:
+    """Exit status 2 waits for a person; anything else is restarted, the daemon for ever."""
+    assert (service.values("Restart"), service.values("RestartPreventExitStatus")) == (["on-failure"], ["2"])
+    if service is UNIT:
+        assert UNIT.values("RestartForceExitStatus") == ["SIGHUP"]  # which systemd takes for a wish, as SIGTERM
+        assert UNIT.values("StartLimitIntervalSec") == ["0"]
+        assert (UNIT.values("Type"), UNIT.values("WatchdogSec")) == (["notify"], ["10"])
+
+
+def test_page_and_bridges_may_read_the_tap_and_are_never_in_the_daemons_way() -> None:
+    """As members of the group; the page, which the network reaches, with a user of its own and no rights."""
+    for service in (BRIDGE, VIEW):
+        assert (service.values("DynamicUser"), service.values("Group")) == (["yes"], [GROUP])
+        assert int(*service.values("Nice")) > 0
+    assert VIEW.values("User") == ["ledpi-view"]
+    assert (VIEW.values("NoNewPrivileges"), VIEW.values("CapabilityBoundingSet")) == (["yes"], [""])
+    assert VIEW.values("CPUSchedulingPolicy") == ["batch"]
+
+
+@needs_systemd
+def test_the_pages_lines_make_a_bridge_of_another_camera(tmp_path: Path) -> None:
+    """Clean, too; the last ExecStart counts."""
+    unit = BRIDGE.copy_to(tmp_path).rename(tmp_path / "ledpi-bridge@field.service")
+    (lines,) = re.findall(r"```ini\n(.*?)```", (ROOT / "docs/outputs.md").read_text(encoding="utf-8"), re.DOTALL)
+    folder = unit.with_name(f"{unit.name}.d")
+    folder.mkdir()
+    (folder / "override.conf").write_text(lines.replace("/usr/local/bin/ledpi ", "/bin/true "), encoding="utf-8")
+    assert said_of(unit) == ""
+    assert "--config /etc/ledpi/front.yaml" in lines
 
 
 def test_the_devices_that_the_daemon_needs_stay_usable() -> None:
@@ -67,24 +89,15 @@ def test_the_taps_socket_is_for_a_group_that_stays() -> None:
     assert "AF_UNIX" in UNIT.values("RestrictAddressFamilies")[0]
 
 
-def test_frames_do_not_wait_for_other_work() -> None:
-    """The daemon runs before all that has no real-time priority, and after the kernel's threads for interrupts (50)."""
+def test_frames_do_not_wait_for_other_work_nor_does_the_machine_for_a_daemon_that_runs_amok() -> None:
+    """It runs before all that has no real-time priority, and after the kernel's threads for interrupts (50).
+
+    It may have less than the 512 MB of the smallest Raspberry Pi that is in scope.
+    """
     assert UNIT.values("CPUSchedulingPolicy") == ["fifo"]
     assert 1 <= int(*UNIT.values("CPUSchedulingPriority")) < 50
-
-
-def test_what_runs_amok_is_ended_before_the_machine_is() -> None:
-    """At less than the 512 MB of the smallest Raspberry Pi that is in scope."""
     (limit,) = UNIT.values("MemoryMax")
     assert 200 <= int(limit.removesuffix("M")) < 512
-
-
-def test_a_mistake_of_the_owner_is_not_tried_again_but_a_failure_is() -> None:
-    """Exit status 2 waits for a person; anything else is restarted, for ever."""
-    assert (UNIT.values("Restart"), UNIT.values("RestartPreventExitStatus")) == (["on-failure"], ["2"])
-    assert UNIT.values("RestartForceExitStatus") == ["SIGHUP"]  # which systemd takes for a wish, as SIGTERM
-    assert UNIT.values("StartLimitIntervalSec") == ["0"]
-    assert (UNIT.values("Type"), UNIT.values("WatchdogSec")) == (["notify"], ["10"])
 
 
 # ---- What the daemon tells systemd
@@ -170,12 +183,7 @@ def test_the_udev_rules_are_well_formed() -> None:
 
 
 def test_no_board_is_the_controller_unless_someone_says_so() -> None:
-    """A panel's own Arduino is a ttyACM too, and must not be sent poses: no rule in force gives the name."""
+    """A panel's own Arduino is a ttyACM too: no rule in force gives the name, which is serial.port's default."""
     rules = (UNIT.path.parent / "61-ledpi.rules").read_text(encoding="utf-8")
     assert [line for line in rules.splitlines() if "SYMLINK" in line and not line.startswith("#")] == []
-
-
-def test_the_rules_name_the_port_that_is_the_default() -> None:
-    """serial.port's default is the link that they make."""
-    rules = (UNIT.path.parent / "61-ledpi.rules").read_text(encoding="utf-8")
     assert {f"/dev/{name}" for name in re.findall(r'SYMLINK\+="([^"]+)"', rules)} == {"/dev/ledpi-controller"}

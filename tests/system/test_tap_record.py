@@ -16,11 +16,10 @@ import pytest
 from ledpi.core.errors import DiskFullError, RecordingError, TapError
 from ledpi.recording.reader import load_recording
 from ledpi.runtime import takes as takes_module
-from ledpi.runtime.take_writer import LIVE_FILE
+from ledpi.runtime.takes import LIVE_FILE, RECORDED, takes_folder
 from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.tap.client import connect
 from ledpi.tap.protocol import Request
-from ledpi.view.hub import Hub
 from tests.builders.command import ledpi
 from tests.builders.daemon import SIMULATED, SIMULATED_YAML, daemon, end
 from tests.builders.rewind import differences_once_settled, stream, without_exposures, without_times
@@ -207,38 +206,17 @@ def test_a_disk_that_fills_up_is_told(takes: Path, tmp_path: Path) -> None:
     assert sum("record_failed" in line for line in ended.log) == 1
 
 
-@pytest.mark.slow
-def test_the_page_starts_and_stops_it(takes: Path, tmp_path: Path) -> None:
-    """Its button tells whether a recording runs, and where it is once it is stopped."""
-    path = tmp_path / "tap.sock"
-    with daemon(*SIMULATED, at(path), OFF), reach(path):
-        hub = Hub(str(path))
-        hub.start()
-        try:
-            wait_until(lambda: hub.state(0, 0.1)["link"]["state"] == "up")
-            before = hub.state(0, 0.0)["recording"]
-            hub.record(600.0)
-            meanwhile = hub.state(0, 0.0)["recording"]
-            answer = hub.record_stop()
-            after = hub.state(0, 0.0)["recording"]
-        finally:
-            hub.close()
-    assert (before, meanwhile, after) == (False, True, False)
-    assert recorded(takes) == [Path(answer["path"])]
-    assert answer["frames"] > 5
-
-
 def begun(recorder: TapRecorder, pool: ThreadPoolExecutor) -> Future[dict[str, Any]]:
     """It records in a thread of its own, as the tap has it."""
     running = pool.submit(recorder.record, Request(do="record", seconds=600.0))
-    wait_until(lambda: recorder._running is not None)
+    wait_until(lambda: any(RECORDED in each.name for each in takes_folder().glob("*")))
     return running
 
 
 def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is written, and while it is: a disk that ledpi has filled stops more than ledpi."""
     drive = stream(8)
-    recorder = TapRecorder(drive.pipeline(), drive.camera, "simulated")
+    recorder = TapRecorder(drive.shown)
     with ThreadPoolExecutor() as pool:
         running = begun(recorder, pool)
         for index, (frame, decoded) in enumerate(zip(drive.frames, drive.live, strict=True)):
@@ -257,7 +235,7 @@ def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.Monkey
 def test_without_a_frame_nothing_is_written(takes: Path) -> None:
     """Who asked hears so, as does who stopped it. After the daemon's end none begins."""
     drive = stream(1)
-    recorder = TapRecorder(drive.pipeline(), drive.camera, "simulated")
+    recorder = TapRecorder(drive.shown)
     with ThreadPoolExecutor() as pool:
         running = begun(recorder, pool)
         with pytest.raises(RecordingError, match="no frame was decoded meanwhile"):

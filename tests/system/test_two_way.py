@@ -19,7 +19,7 @@ import pytest
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.config.settings import Config, load_config
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
-from ledpi.runtime.tapping import close_tap, open_tap
+from ledpi.runtime.observers import close_tap, open_tap
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 from ledpi.simulate.trajectory import Gliding

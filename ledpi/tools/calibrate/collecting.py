@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from ledpi.core.records import Floats, Frame
+from ledpi.core.records import Floats, Frame, Pixels
 from ledpi.core.tone import linear_light
 from ledpi.tools.calibrate.boards import Board, BoardView
-from ledpi.tools.calibrate.coverage import corner_counts, places_without_corners
+from ledpi.tools.calibrate.camera import CameraCalibration
 
 STILL_PX = 0.5  # by which a corner may move from one frame to the next: rows are exposed one after another
 NEW_PLACE, NEW_SIZE, NEW_TILT_DEG = 0.08, 1.2, 10.0  # of the picture's width; ratio; one of them, to be worth keeping
@@ -28,6 +30,12 @@ SIDES = {  # of the picture, by the sign of the board's normal in x and y
     "upper": np.array([0.0, -1.0]),
     "lower": np.array([0.0, 1.0]),
 }
+
+
+GRID = (3, 4)  # rows and columns of parts: what is wanted of a collection
+ROWS, COLUMNS = ("upper", "middle", "lower"), ("left", "centre left", "centre right", "right")
+ENLARGED = 100.0  # residuals in the drawing: 0.1 px is drawn as 10
+BLANK, GREEN, RED, SHADE = (255, 255, 255), (90, 200, 90), (60, 60, 235), (48, 48, 48)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,3 +135,40 @@ def _alike(a: Attitude, b: Attitude) -> bool:
         and abs(math.log(a.size / b.size)) < math.log(NEW_SIZE)
         and float(np.hypot(*(a.normal_deg - b.normal_deg))) < NEW_TILT_DEG
     )
+
+
+def corner_counts(corners_px: Iterable[Floats], width: int, height: int) -> NDArray[np.int64]:
+    """GRID of how many corners lie in each part of the picture."""
+    counts = np.zeros(GRID, np.int64)
+    for corners in corners_px:
+        row = np.clip((corners[:, 1] * GRID[0] / height).astype(int), 0, GRID[0] - 1)
+        column = np.clip((corners[:, 0] * GRID[1] / width).astype(int), 0, GRID[1] - 1)
+        np.add.at(counts, (row, column), 1)
+    return counts
+
+
+def places_without_corners(counts: NDArray[np.int64]) -> list[str]:
+    """The parts of the picture that no corner was in, as in `upper left`."""
+    return [f"{ROWS[row]} {COLUMNS[column]}" for row, column in np.argwhere(counts == 0)]
+
+
+def draw_coverage(result: CameraCalibration) -> Pixels:
+    """(H, W, 3) BGR: every corner with its residual a hundredfold; views left out in red; parts without any shaded."""
+    lens = result.intrinsics
+    picture = np.full((lens.height, lens.width, 3), 24, np.uint8)
+    counts = corner_counts([view.corners_px for view in result.used], lens.width, lens.height)
+    for row, column in np.argwhere(counts == 0):
+        x, y = (column * lens.width // GRID[1], row * lens.height // GRID[0])
+        end = ((column + 1) * lens.width // GRID[1], (row + 1) * lens.height // GRID[0])
+        cv2.rectangle(picture, (int(x), int(y)), (int(end[0]), int(end[1])), (40, 40, 110), cv2.FILLED)
+    for views, colour in ((result.used, GREEN), (result.dropped, RED)):
+        for view in views:
+            hull = cv2.convexHull(view.corners_px.astype(np.float32)).round().astype(np.int32)
+            cv2.polylines(picture, [hull], True, SHADE if colour is GREEN else RED, 1, cv2.LINE_AA)
+            for corner, residual in zip(view.corners_px, view.residuals_px, strict=True):
+                start, tip = corner.round().astype(int), (corner + ENLARGED * residual).round().astype(int)
+                cv2.line(picture, tuple(map(int, start)), tuple(map(int, tip)), colour, 1, cv2.LINE_AA)
+                cv2.circle(picture, tuple(map(int, start)), 1, BLANK, cv2.FILLED)
+    text = f"{len(result.used)} views, rms {result.rms_px:.3f} px; residuals x {ENLARGED:g}"
+    cv2.putText(picture, text, (8, lens.height - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.45, BLANK, 1, cv2.LINE_AA)
+    return picture

@@ -16,8 +16,7 @@ from ledpi.core import shutter
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import PanelSpec, Phase
 from ledpi.markers.codewords import Dictionary
-from ledpi.tools.calibrate.band_search import PanelLight, Waves, search_step_hz
-from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_codeword
+from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, PanelLight, Waves, measure_codeword, search_step_hz
 from ledpi.tools.panel.frequencies import null_share
 
 SEARCH = 0.15  # of the announced frequency, to either side: more than an RC oscillator is off

@@ -11,8 +11,16 @@ import numpy as np
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import PanelSpec
 from ledpi.markers.codewords import Dictionary
-from ledpi.tools.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, moved_share, search_step_hz
-from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_codeword
+from ledpi.tools.calibrate.bands import (
+    CLOCK_SIGMA,
+    STEPS_PER_CYCLE,
+    ClassBands,
+    PanelLight,
+    Waves,
+    measure_codeword,
+    moved_share,
+    search_step_hz,
+)
 
 ROW_TIMES_US = (8.0, 80.0)  # of any camera that this is for: 480 rows in 4 to 38 ms
 CRYSTAL = 300e-6  # by how much a crystal and the camera's clock may disagree, as a share

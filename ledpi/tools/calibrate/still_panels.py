@@ -3,25 +3,69 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import CalibrationError
 from ledpi.core.geometry import unit_square_homography
-from ledpi.core.records import Floats, Frame, Intrinsics
+from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec
 from ledpi.core.tone import SATURATED, linear_light
 from ledpi.kernels.lens import undistort
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
-from ledpi.tools.calibrate.band_search import PanelLight
+from ledpi.tools.calibrate.bands import PanelLight
+from ledpi.tools.calibrate.taking import Taken
+
+Result = TypeVar("Result")
 
 RIM = 0.12  # of a cell, left out on each side: there the neighbour's light mixes in
 SAME_PLACE = 0.3  # of the side: a square's centre this near to another's is the same square
 MAX_MOTION_PX = 0.5  # of a corner, from the first half to the second: every pixel must go on showing the same spot
 MIN_SHARE = 0.25  # of a cell's pixels that must not be saturated
+
+
+def measure_still(
+    taken: Taken,
+    panels: PanelSettings,
+    measure: Callable[[PanelLight, PanelSpec, Floats], Result],
+    most: int | None = None,
+) -> tuple[list[tuple[Result, Floats]], str]:
+    """Each square at rest, from the largest on, by the first pair of announced frequencies that it can be.
+
+    `measure` takes its light, those frequencies and its corners, and raises CalibrationError where it is no such
+    panel. Returns the results, `most` of them, with the corners, and why the last one that has none has none.
+    """
+    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, stream=False)
+    found: list[tuple[Result, Floats]] = []
+    why = "no lit square is in view"
+    for corners in still_squares(taken.frames, pipeline):
+        if len(found) == most:
+            break
+        try:
+            cells = load_dictionary(panels.dictionary).cells_per_side
+            light = panel_light(taken.frames, corners, cells, taken.intrinsics)
+        except CalibrationError as error:
+            why = str(error)
+            continue
+        for spec in _announced_specs(panels):
+            try:
+                found.append((measure(light, spec, corners), corners))
+                break
+            except CalibrationError as error:
+                why = str(error)
+    return found, why
+
+
+def _announced_specs(panels: PanelSettings) -> list[PanelSpec]:
+    """Every pair of frequencies that a panel is announced with, the common one first."""
+    specs = [panels.spec(), *(panels.spec(marker_id) for marker_id in panels.overrides)]
+    return list({(spec.black_hz, spec.white_hz): spec for spec in reversed(specs)}.values())[::-1]
 
 
 def still_squares(frames: Sequence[Frame], pipeline: Pipeline) -> list[Floats]:

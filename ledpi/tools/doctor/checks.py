@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ledpi.config.panels import PanelSettings
-from ledpi.config.robot import load_robot, unreadable_note
+from ledpi.config.robot import load_own_map, unreadable_note
 from ledpi.config.settings import SEARCH_PATH, Config, SerialSettings
 from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted, one_line
 from ledpi.markers.codewords import format_ranges
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.doctor import camera, machine, outputs, ports, running, speed
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
@@ -89,14 +88,14 @@ def _panel_ids(panels: PanelSettings) -> Finding:
     if panels.ids is not None:
         listed = f"panels.ids: {format_ranges(sorted(panels.ids))}"
         return ok("panel IDs", "; ".join(filter(None, (listed, panels.reflection_note()))))
-    words = len(load_dictionary(panels.dictionary).codewords)
+    words = len(panels.words.codewords)
     return ok("panel IDs", panels.unreported_note(range(words)) or f"all of {panels.dictionary}")
 
 
 def _map(config: Config) -> Finding:
     """Read as the daemon does, which does not start with a broken one."""
     try:
-        panels = load_robot(config).panels
+        panels = load_own_map(config)
     except LedpiError as error:
         return bad("map", str(error), "correct it, or make one with `ledpi calibrate map`", stops_daemon=True)
     if panels is None:

@@ -15,10 +15,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ledpi.bridge.factory import TARGETS, target_class
-from ledpi.bridge.sockets import lost
+from ledpi.bridge.sockets import lost, refused
 from ledpi.bridge.target import CONNECT_S
-from ledpi.bridge.tls import refused
-from ledpi.config.output_files import read_password, tls_context
+from ledpi.config.named_files import read_password, tls_context
 from ledpi.config.outputs import OutputSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError, LedpiError

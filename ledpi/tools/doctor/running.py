@@ -18,8 +18,8 @@ from ledpi.tap.client import Client, connect
 from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, settings_of, why_not_of
 from ledpi.tap.of_config import of_config
 from ledpi.tools.doctor import ports
+from ledpi.tools.doctor.camera import findings_of
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
-from ledpi.tools.doctor.in_view import findings_of
 
 HEALTH_S = 3.0  # within which a daemon says how it is, which it does each second
 PICTURES = 6  # that are looked at: a stream searches the whole picture in every third frame

@@ -15,8 +15,7 @@ from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelValues
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import FrameEntry, Recording
-from ledpi.tools.evaluate.reading import FRAMES_A_TAKE, STREAM_ROWS, PanelMethod, PanelReader
-from ledpi.tools.evaluate.scoring import Expected, Tally
+from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE, STREAM_ROWS, Expected, PanelMethod, PanelReader, Tally
 from ledpi.tools.evaluate.table import PLAIN, TableRow, table_row
 
 _PLACE = ("distance_m", "angle_deg", "exposure_us", "transfer")

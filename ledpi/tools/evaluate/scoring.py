@@ -1,4 +1,4 @@
-"""Scores of what was read against what is there: counts and errors that add up."""
+"""Readings of a frame by each method, scored against what is there: counts and errors that add up."""
 
 from __future__ import annotations
 
@@ -6,20 +6,90 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from typing_extensions import Self
 
+from ledpi.config.panels import PanelSettings
 from ledpi.core.geometry import quad_side, rotation_angle_deg
-from ledpi.core.records import Floats, Pose
+from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, PanelValues, Pose
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Dropped, Trace
 from ledpi.recording.reader import TruthMarker
-from ledpi.tools.evaluate.reading import Found, Read
+
+PanelMethod = Literal["uemura", "likelihood", "stream"]
+PANEL_METHODS: tuple[PanelMethod, ...] = get_args(PanelMethod)
+FRAMES_A_TAKE = 12
+# What the tables tell apart. A stream is judged at its 4th and its 12th frame, and on the way.
+Row = str
+STREAM_ROWS: dict[Row, range] = {
+    "stream_4": range(3, 4),
+    "stream_12": range(11, 12),
+    "stream_all": range(FRAMES_A_TAKE),
+}
+
 
 # A marker is recognised where its ID is right and each corner is within this share of its size in the picture: then it
 # is that marker, and turned the right way. How exactly it is placed is told by the errors.
 PLACE_SHARE = 0.25
 NOTHING_THERE = "find.nothing_there"  # nothing four-sided was found where a missed panel is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """A marker that a method reports."""
+
+    id: int
+    corners_px: Floats  # (4, 2) in the marker's order
+    pose: Pose | None  # camera_from_marker
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Read:
+    """A method's result on one frame."""
+
+    found: tuple[Found, ...]
+    dropped: tuple[Dropped, ...]
+    milliseconds: float
+
+
+class PanelReader:
+    """The path of the daemon, from the picture to the pose."""
+
+    def __init__(
+        self,
+        method: PanelMethod,
+        camera: CameraInfo,
+        panels: PanelSettings,
+        source_panel: PanelValues | None = None,
+    ) -> None:
+        self._pipeline = Pipeline(
+            camera,
+            panels,
+            intrinsics=camera.intrinsics,
+            source_panel=source_panel,
+            method="uemura" if method == "uemura" else "likelihood",
+            stream=method == "stream",
+        )
+
+    def read(self, frame: Frame) -> Read:
+        """Returns what is found in the next frame, and how long that took."""
+        trace = Trace()
+        return read_of(self._pipeline.decode(frame, trace), trace.dropped)
+
+
+def read_of(decoded: Decoded, dropped: Sequence[Dropped] = ()) -> Read:
+    """The result of the daemon's path in the form of any method's."""
+    found = tuple(
+        Found(
+            id=m.detection.id,
+            corners_px=m.detection.corners_px,
+            pose=m.solution.camera_from_marker if m.solution is not None else None,
+        )
+        for m in decoded.markers
+    )
+    return Read(found=found, dropped=tuple(dropped), milliseconds=sum(decoded.stage_ms.values()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,14 +8,25 @@ import zlib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from string import Template
 
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec, Phase
 from ledpi.core.str_enum import StrEnum
-from ledpi.markers.codewords import Bits, Dictionary
+from ledpi.markers.codewords import Bits, Dictionary, format_ranges
 from ledpi.tools.calibrate.panel import SAME_DUTY
-from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share
-from ledpi.tools.panel.timer import MAX_HZ, HalfPeriod, half_period
+from ledpi.tools.panel.circuit import CELL_PINS, OUTPUTS
+from ledpi.tools.panel.frequencies import (
+    MAX_HZ,
+    NULL_SHARE,
+    Flicker,
+    HalfPeriod,
+    half_period,
+    nearest_lobe_hz,
+    null_share,
+)
+
+# The interrupts of both classes, one after the other, take under 160 cycles; the rest is left to the serial line.
 
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
 
@@ -166,11 +177,57 @@ def _white_delay_line(firmware: Firmware) -> str:
     return "#define WHITE_DELAY_CYCLES 0u"
 
 
-def write_firmware(firmware: Firmware, readme: str, out: Path) -> None:
-    """Writes the sources into a new or empty folder. Raises ConfigError where that cannot be done."""
+def readme_text(firmware: Firmware) -> str:
+    """README.md of a folder of sources: which pin drives what, how to flash it, and how to talk to it."""
+    black, white, n = firmware.black, firmware.white, firmware.dictionary.cells_per_side
+    if firmware.build is Build.TWO_OUTPUTS:
+        rows = [[OUTPUTS[bool(white)] for white in row] for row in firmware.codeword]
+    else:
+        rows = [list(CELL_PINS[n * row : n * row + n]) for row in range(n)]
+    why_half = (
+        "A wave that is on for half of its period holds odd harmonics only. At any other duty it holds even ones, too: "
+        f"black's\nsecond, {2.0 * black.frequency_hz:.0f} Hz, is then read beside white's {white.frequency_hz:.0f} Hz."
+    )
+    if firmware.phase == "antiphase":
+        why_half = "At any other duty than a half one class's light would not fill the other's gaps."
+    said = {
+        "id": firmware.marker_id,
+        "dictionary": firmware.dictionary.name,
+        "classes": "\n".join(
+            f"| {name} | {half.asked_hz:g} Hz | {half.frequency_hz:.4f} Hz | {half.error_ppm:+.1f} ppm "
+            f"| {half.cycles} cycles |"
+            for name, half in (("black", black), ("white", white))
+        ),
+        "front": _grid(rows),
+        "back": _grid([row[::-1] for row in rows]),
+        "antiphase": _antiphase(firmware),
+        "why_half": why_half,
+    }
+    pages = files("ledpi.tools.panel") / "readme"
+    page, wiring = (Template((pages / f"{name}.md").read_text("utf-8")) for name in ("page", firmware.build.value))
+    return page.substitute(said, wiring=wiring.substitute(said))
+
+
+def _antiphase(firmware: Firmware) -> str:
+    """Says how the classes go together, where they do."""
+    if firmware.phase == "free":
+        return ""
+    text = " Black and white are in antiphase: one is on while the other is off (`panels.phase: antiphase`)."
+    readable = firmware.dictionary.readable_ids("antiphase")
+    if len(readable) < len(firmware.dictionary.codewords):
+        text += f" Only the IDs {format_ranges(readable)} can be read so."
+    return text
+
+
+def _grid(rows: list[list[str]]) -> str:
+    return "\n".join(("    " + "".join(cell.ljust(5) for cell in row)).rstrip() for row in rows)
+
+
+def write_firmware(firmware: Firmware, out: Path) -> None:
+    """Writes sources and page into a new or empty folder. Raises ConfigError where that cannot be done."""
     sources = files("ledpi.tools.panel") / "sources"
     texts = {name: (sources / name).read_text(encoding="utf-8") for name in (firmware.build.source, "Makefile")}
-    texts |= {"settings.h": settings_text(firmware), "README.md": readme}
+    texts |= {"settings.h": settings_text(firmware), "README.md": readme_text(firmware)}
     try:
         if out.is_dir() and any(out.iterdir()):
             raise ConfigError(f"--out {out}: is not empty; must be a new or an empty folder")

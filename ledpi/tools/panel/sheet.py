@@ -9,17 +9,13 @@ from pathlib import Path
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec
 from ledpi.markers.codewords import Dictionary
-from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.circuit import Circuit, ohm_text
-from ledpi.tools.panel.cut import back_dxf, front_dxf, walls_dxf, walls_stl
-from ledpi.tools.panel.firmware_readme import OUTPUTS
+from ledpi.tools.panel.body import Body, back_dxf, front_dxf, walls_dxf, walls_stl
+from ledpi.tools.panel.circuit import OUTPUTS, Circuit, PinCircuit, ohm_text
 from ledpi.tools.panel.paper import MARGIN_MM, Page, write_pdf, write_svg
-from ledpi.tools.panel.pins import PinCircuit
-from ledpi.tools.panel.schematic import GATE_OHM, PULL_DOWN_OHM, SIZE_MM, draw_schematic
-from ledpi.tools.panel.sheet_parts import electrics, parts
-from ledpi.tools.panel.sheet_pins import draw_pins_back, draw_pins_front, draw_pins_schematic, pin_electrics, pin_parts
+from ledpi.tools.panel.schematic import GATE_OHM, PULL_DOWN_OHM, SIZE_MM, draw_pins_schematic, draw_schematic
+from ledpi.tools.panel.sheet_parts import draw_section, draw_wall, electrics, parts
+from ledpi.tools.panel.sheet_pins import draw_pins_back, draw_pins_front, pin_electrics, pin_parts
 from ledpi.tools.panel.sheet_views import View, draw_back, draw_front, scaled_view, tile_count, true_views
-from ledpi.tools.panel.sheet_walls import draw_section, draw_wall
 
 _MAX_PARTS = 30  # that a panel is put together from
 

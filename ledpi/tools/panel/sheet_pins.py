@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.circuit import ohm_text
-from ledpi.tools.panel.firmware_readme import CELL_PINS
-from ledpi.tools.panel.pins import (
+from ledpi.tools.panel.circuit import (
+    CELL_PINS,
     CHIP_MOST_A,
     CHIP_OWN_A,
     PIN_MOST_A,
     PORTS_MOST_A,
     ROOM_LUX,
     USB_MOST_V,
-    USB_V,
     PinCircuit,
+    ohm_text,
 )
-from ledpi.tools.panel.schematic import draw_ground, draw_led, draw_wire
 from ledpi.tools.panel.sheet_parts import CRYSTAL, walls
 from ledpi.tools.panel.sheet_views import (
     CLASS_COLOUR,
@@ -36,7 +34,6 @@ from ledpi.tools.panel.sheet_views import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-from ledpi.tools.panel.paper import box
 
 _GROUND = -0.42  # where GND runs, from the middle of a row of cells, in cells
 
@@ -77,33 +74,6 @@ def _ground_rail(axes: Axes, body: Body, size: float) -> None:
     axes.plot([half + 2.5, half + 2.5], [rows[0], rows[-1]], color="black", lw=1.1)
     if size >= READABLE_PT:
         axes.text(half + 5, 0, "to GND", fontsize=7, rotation=90, ha="center", va="center")
-
-
-def draw_pins_schematic(axes: Axes, circuit: PinCircuit) -> None:
-    """One of the sixteen cells; on an area of schematic.SIZE_MM, in millimetres."""
-    box(axes, 20, 40, 46, 50, lw=1.2)
-    middle: Any = {"ha": "center", "va": "center"}
-    axes.text(43, 66, "Arduino\nUno or Nano\n(ATmega328P,\n5 V, 16 MHz)", fontsize=8, **middle)
-    axes.text(43, 51, f"USB: {USB_V:g} V", fontsize=7, **middle)
-    axes.text(65, 80, "the cell's pin", fontsize=7, ha="right", va="center", weight="bold")
-    axes.text(43, 42, "GND", fontsize=8, ha="center")
-    draw_wire(axes, (66, 80), (92, 80))
-    box(axes, 92, 78.5, 14, 3)
-    axes.text(99, 84, ohm_text(circuit.resistor_ohm), fontsize=8, ha="center")
-    draw_wire(axes, (106, 80), (130, 80), (130, 70))
-    draw_led(axes, 130, 70)
-    draw_wire(axes, (130, 65.5), (130, 30))
-    draw_ground(axes, 130, 30)
-    draw_wire(axes, (43, 40), (43, 30))
-    draw_ground(axes, 43, 30)
-    axes.text(140, 72, "long leg (+) to the resistor", fontsize=7, va="center")
-    axes.text(
-        140,
-        60,
-        "sixteen times, once for each cell:\nD2 to D13, A0 to A3. All short legs\ngo to GND.",
-        fontsize=7,
-        va="center",
-    )
 
 
 def pin_electrics(circuit: PinCircuit, pitch_mm: float) -> list[tuple[str, str]]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.firmware_readme import OUTPUTS
+from ledpi.tools.panel.circuit import OUTPUTS
 from ledpi.tools.panel.paper import HEIGHT_MM, MARGIN_MM, WIDTH_MM, Page, box
 
 if TYPE_CHECKING:

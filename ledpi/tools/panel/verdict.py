@@ -8,8 +8,7 @@ from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.core.records import Phase
 from ledpi.core.shutter import contrast, phase_advance_cycles
 from ledpi.tools.panel.design import FROZEN_CYCLES, Task
-from ledpi.tools.panel.frequencies import NULL_SHARE, nearest_lobe_hz, null_share, off_mains_hz
-from ledpi.tools.panel.timer import half_period
+from ledpi.tools.panel.frequencies import NULL_SHARE, half_period, nearest_lobe_hz, null_share, off_mains_hz
 
 _NEAR_MAINS_HZ = 5.0
 

@@ -24,7 +24,6 @@ from ledpi.diagnosis.drawing import (
     text_size,
 )
 from ledpi.markers.codewords import Bits
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.snapshot.record import Snapshot
 
 TILE, GAP = 180, 15
@@ -94,7 +93,7 @@ def _seen_tile(block: Block, frame: Frame) -> Pixels:
 
 
 def _samples(block: Block, snapshot: Snapshot) -> CellSamples | Rejected:
-    n = load_dictionary(snapshot.panels.dictionary).cells_per_side
+    n = snapshot.panels.words.cells_per_side
     quad = Quad(corners_px=block.corners_px)
     return sample_cells(snapshot.frame, quad, n, snapshot.intrinsics)
 

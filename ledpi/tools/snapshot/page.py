@@ -1,4 +1,4 @@
-"""The whole picture: the frame as seen and as read, and below them the panels enlarged."""
+"""The annotated picture: the frame with overlay and explanation, above the enlarged panels."""
 
 from __future__ import annotations
 
@@ -8,23 +8,30 @@ from textwrap import wrap
 import cv2
 import numpy as np
 
-from ledpi.core.records import Pixels
+from ledpi.core.records import MarkerPose, Pixels
 from ledpi.diagnosis.diagnose import Diagnosis
 from ledpi.diagnosis.drawing import (
     BACKGROUND,
     BLACK_CLASS,
     DIM,
+    DIMMED,
     DROPPED,
+    FAINT,
     WHITE_CLASS,
     Canvas,
     Colour,
+    Placed,
     ascii_of,
+    box_of,
+    draw_label,
+    draw_markers,
+    outline,
+    scaled,
     text,
     text_size,
 )
 from ledpi.diagnosis.why_not import Why
 from ledpi.tools.snapshot import enlarged
-from ledpi.tools.snapshot.overlay import draw_reading
 from ledpi.tools.snapshot.record import Snapshot
 
 # Two columns; in pixels.
@@ -36,6 +43,37 @@ PICTURES_TOP = 74  # below the heading and the pictures' titles
 BLOCKS_GAP, BLOCK_PITCH = 12, enlarged.HEIGHT + 8
 MAX_BLOCKS = 4
 FOOTER, FOOTER_LINE, FOOTER_LETTERS = 20, 20, 130
+
+
+def draw_reading(canvas: Canvas, snapshot: Snapshot, told: list[Diagnosis], scale: float) -> None:
+    """Draws over the frame's picture, of which `canvas` holds a copy resized by `scale`.
+
+    Of what was dropped, those that are `told` of have their number, from 1 on.
+    """
+    canvas[:] = canvas * DIMMED
+    markers = [_placed(marker, snapshot) for marker in snapshot.decoded.markers]
+    taken = [box_of(scaled(marker.corners_px, scale)) for marker in markers]
+    for dropped in snapshot.dropped:
+        corners = scaled(dropped.corners_px, scale)
+        outline(canvas, corners, FAINT, 1)
+    for number, one in enumerate(told, 1):
+        corners = scaled(one.corners_px, scale)
+        outline(canvas, corners, DROPPED, 2)
+        draw_label(canvas, corners, str(number), DROPPED, taken, bold=True)
+    draw_markers(canvas, markers, snapshot.intrinsics, scale, taken[len(markers) :])
+
+
+def _placed(marker: MarkerPose, snapshot: Snapshot) -> Placed:
+    detection, solution = marker.detection, marker.solution
+    pose = None if solution is None else solution.camera_from_marker
+    return Placed(
+        marker_id=detection.id,
+        corners_px=detection.corners_px,
+        word=snapshot.codeword(detection.id),
+        side_m=snapshot.panels.spec(detection.id).side_m,
+        position_m=None if pose is None else pose.position_m,
+        quaternion_wxyz=None if pose is None else pose.quaternion_wxyz,
+    )
 
 
 def draw(snapshot: Snapshot, why: Why) -> Pixels:

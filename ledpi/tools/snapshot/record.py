@@ -10,7 +10,6 @@ from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, RowsFrom
 from ledpi.diagnosis.diagnose import not_read_in
 from ledpi.diagnosis.why_not import Why, WhyNot
 from ledpi.markers.codewords import Bits
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Dropped, Trace
 
@@ -33,7 +32,7 @@ class Snapshot:
 
     def codeword(self, marker_id: int) -> Bits:
         """The cells of an ID, upright."""
-        return load_dictionary(self.panels.dictionary).codeword(marker_id)
+        return self.panels.words.codeword(marker_id)
 
 
 def take(title: str, frame: Frame, pipeline: Pipeline, intrinsics: Intrinsics | None) -> Snapshot:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ledpi.api.picture import checked_picture
 
 import ledpi
 import ledpi.api.lens
@@ -290,15 +291,26 @@ def test_times_that_cannot_be_are_named(exposed: dict[str, Any], said: str, near
     assert str(caught.value).startswith(said)
 
 
-def test_two_threads_at_once_are_refused(near: Pixels) -> None:
-    """Rather than mixed up; afterwards the reader goes on."""
+@pytest.mark.parametrize("of", ["reader", "stream"])
+def test_two_threads_at_once_are_refused(near: Pixels, of: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rather than mixed up; afterwards it goes on. (Here the other one comes while a picture is looked at.)"""
     shared = reader()
-    stream = shared.stream(row_time_us=33.67)
-    with shared._guard, pytest.raises(ledpi.PictureError, match="this reader is in use by another thread"):
-        shared.read(near, row_time_us=33.67)
-    with stream._guard, pytest.raises(ledpi.PictureError, match="this stream is in use by another thread"):
-        stream.read(near, time_ns=1)
-    assert [marker.id for marker in shared.read(near, row_time_us=33.67)] == [7]
+    stream = shared.stream(row_time_us=ROW_TIME_US)
+    read = {
+        "reader": lambda: shared.read(near, row_time_us=ROW_TIME_US),
+        "stream": lambda: stream.read(near, time_ns=1),
+    }
+    refused = []
+
+    def meanwhile(image: Pixels) -> Pixels:
+        with pytest.raises(ledpi.PictureError, match=f"this {of} is in use by another thread"):
+            read[of]()
+        refused.append(of)
+        return checked_picture(image)
+
+    monkeypatch.setattr(f"ledpi.api.{of}.checked_picture", meanwhile)
+    assert [marker.id for marker in read[of]()] == [7]
+    assert refused == [of]
 
 
 # ---- More than markers

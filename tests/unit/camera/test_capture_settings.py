@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
-from ledpi.camera.capture_settings import check_mode, disagreement, fixed_controls, frame_rows, row_time
+from ledpi.camera.capture_settings import SENSORS, check_mode, disagreement, fixed_controls, frame_rows, row_time
 from ledpi.camera.picamera import open_picamera
-from ledpi.camera.sensors import SENSORS
 from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError
 

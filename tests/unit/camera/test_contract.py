@@ -95,13 +95,7 @@ def test_a_frame_is_a_read_only_view_of_the_given_array(camera: Camera) -> None:
     assert slot.any()
     assert not frame.pixels.flags.writeable
     assert slot.flags.writeable
-
-
-def test_the_same_array_can_be_filled_again(camera: Camera) -> None:
-    """A slot of the ring is used again and again."""
-    slot = slot_for(camera)
-    for _ in range(2):
-        assert isinstance(camera.read(slot), Frame)
+    assert isinstance(camera.read(slot), Frame)  # a slot of the ring is used again and again
 
 
 def test_seq_and_time_increase(camera: Camera) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import logging
-import threading
 import time
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from ledpi.camera.recording import RecordingCamera
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelSpec, Rejected
 from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
-from tests.builders import DEADLINE_S
 
 HEIGHT, WIDTH, ROW_US = 6, 8, 100.0
 READOUT_NS = 600_000  # 6 rows
@@ -59,17 +57,6 @@ def read(camera: RecordingCamera) -> Frame:
     return frame
 
 
-def test_a_recording_s_own_values_are_the_camera_s(tmp_path: Path) -> None:
-    """Camera and panel are what the recording says, whatever the configuration may hold."""
-    camera = RecordingCamera(load_recording(recorded(tmp_path, [0])), paced=False)
-    info = camera.info
-    assert (info.width, info.height, info.exposure_us, info.row_time_us) == (WIDTH, HEIGHT, 150.0, ROW_US)
-    assert (info.transfer, info.frame_length_rows, info.intrinsics) == ("linear", 20, LENS)
-    panel = camera.panel
-    assert (panel.dictionary, panel.side_m, panel.duty) == ("DICT_5X5_50", 0.3, 0.4)
-    assert (panel.black_hz, panel.white_hz) == (1262.0, 2450.0)
-
-
 def test_unpaced_delivers_every_frame_at_once(tmp_path: Path) -> None:
     """All frames in order with their own values, an hour of recording in no time."""
     camera = RecordingCamera(load_recording(recorded(tmp_path, [0, 1, 3_600_000])), paced=False)
@@ -82,16 +69,6 @@ def test_unpaced_delivers_every_frame_at_once(tmp_path: Path) -> None:
         assert (frame.pixels == number).all()
     assert camera.read(picture()) is None
     assert time.monotonic() - start < 60
-
-
-def test_unpaced_each_read_out_has_just_ended(tmp_path: Path) -> None:
-    """On the host's clock, every frame's last row was read out between the call and its return."""
-    camera = RecordingCamera(load_recording(recorded(tmp_path, [0, 1, 3_600_000])), paced=False)
-    for _ in range(3):
-        before = time.monotonic_ns()
-        frame = read(camera)
-        end_ns = frame.row0_readout_ns + frame.host_offset_ns + READOUT_NS
-        assert before <= end_ns <= time.monotonic_ns()
 
 
 def test_paced_frames_never_come_before_their_read_out_ends(tmp_path: Path) -> None:
@@ -147,12 +124,8 @@ def test_a_bad_picture_is_rejected_and_the_rest_goes_on(
     camera = RecordingCamera(recording, paced=paced)
     with caplog.at_level(logging.WARNING):
         got = [camera.read(picture()) for _ in range(4)]
-    assert [item.key if isinstance(item, Rejected) else "frame" for item in got] == [
-        "frame",
-        "capture.truncated",
-        "capture.unreadable",
-        "frame",
-    ]
+    keys = [item.key if isinstance(item, Rejected) else "frame" for item in got]
+    assert keys == ["frame", "capture.truncated", "capture.unreadable", "frame"]
     assert "frames/000010.png: ends after" in caplog.text
     assert "frames/000020.png: cannot be read: No such file" in caplog.text
     assert camera.read(picture()) is None
@@ -168,23 +141,3 @@ def test_a_loop_goes_on_in_seq_and_time(tmp_path: Path) -> None:
         (later.row0_readout_ns - earlier.row0_readout_ns) / 1e6 for earlier, later in itertools.pairwise(frames)
     ]
     assert steps_ms == [1, 2, 600, 1, 2, 600, 1, 2]
-
-
-def test_frames_ends_a_loop(tmp_path: Path) -> None:
-    """A soak asks for a number of frames, and gets it."""
-    camera = RecordingCamera(load_recording(recorded(tmp_path, [0, 1])), paced=False, loop=True, frames=5)
-    assert [read(camera).seq for _ in range(5)] == [0, 10, 11, 21, 22]
-    assert camera.read(picture()) is None
-
-
-def test_close_ends_a_wait_for_a_frame_that_is_far_away(tmp_path: Path) -> None:
-    """Between two takes an hour apart, closing ends the read at once."""
-    camera = RecordingCamera(load_recording(recorded(tmp_path, [0, 3_600_000])), paced=True)
-    read(camera)
-    got: list[object] = []
-    reader = threading.Thread(target=lambda: got.append(camera.read(picture())))
-    reader.start()
-    time.sleep(0.05)
-    camera.close()
-    reader.join(DEADLINE_S)
-    assert got == [None]

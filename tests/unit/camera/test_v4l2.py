@@ -41,6 +41,8 @@ def test_the_shutter_of_a_device_that_cannot_tell_its_row_time_is_measured(
 class StandIn:
     """cv2.VideoCapture with a device whose properties are a table; those in `fixed` cannot be set."""
 
+    last: StandIn
+
     def __init__(self, device: str, backend: int) -> None:
         assert backend == cv2.CAP_V4L2
         self.values: dict[int, float] = {cv2.CAP_PROP_EXPOSURE: 156.0}
@@ -48,6 +50,7 @@ class StandIn:
         self.picture: np.ndarray | None = np.zeros((480, 640, 3), np.uint8)
         self.stamp_ns: int | None = None
         self.released = False
+        StandIn.last = self
 
     def isOpened(self) -> bool:  # noqa: N802
         return True
@@ -102,9 +105,7 @@ def device(monkeypatch: pytest.MonkeyPatch) -> set[int]:
 
 
 def opened(**settings: Any) -> tuple[V4l2Camera, StandIn]:
-    camera = open_v4l2(CameraSettings(row_time_us=30.0, **settings), DEVICE)
-    capture: Any = camera._capture
-    return camera, capture
+    return open_v4l2(CameraSettings(row_time_us=30.0, **settings), DEVICE), StandIn.last
 
 
 @pytest.mark.parametrize(

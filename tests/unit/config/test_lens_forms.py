@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,26 +15,12 @@ from ledpi.core.records import Intrinsics
 
 BENT = (0.1, -0.2, 0.0005, -0.0005, 0.06)
 LENS = Intrinsics(width=640, height=480, fx=642.5, fy=643.5, cx=322.25, cy=237.5, distortion=BENT)
-FISHEYE = Intrinsics(
-    width=640,
-    height=480,
-    fx=300.5,
-    fy=301.5,
-    cx=322.25,
-    cy=237.5,
-    distortion=(0.175653, -0.031772, 0.000362, -0.000719),
-    distortion_model="equidistant",
+FISHEYE_BENT, RATIONAL_BENT = (
+    (0.175653, -0.031772, 0.000362, -0.000719),
+    (0.26, 0.11, -0.001, 0, 0.28, 0.25, 0.19, 0.11),
 )
-RATIONAL = Intrinsics(
-    width=640,
-    height=480,
-    fx=642.5,
-    fy=643.5,
-    cx=322.25,
-    cy=237.5,
-    distortion=(0.26, 0.11, -0.001, 0.0, 0.28, 0.25, 0.19, 0.11),
-    distortion_model="rational_polynomial",
-)
+FISHEYE = replace(LENS, fx=300.5, fy=301.5, distortion=FISHEYE_BENT, distortion_model="equidistant")
+RATIONAL = replace(LENS, distortion=RATIONAL_BENT, distortion_model="rational_polynomial")
 
 K = "642.5, 0, 322.25, 0, 643.5, 237.5, 0, 0, 1"
 D = "0.1, -0.2, 0.0005, -0.0005, 0.06"
@@ -195,10 +182,7 @@ def test_each_tools_file_is_read(tmp_path: Path, form: str) -> None:
     """Whatever the form, the numbers are the lens's."""
     text, lens = FORMS[form]
     found = load_intrinsics(written(tmp_path, text))
-    assert found == (lens or Intrinsics(**dict(CAMERA), distortion=(*BENT[:4], 0.0)))
-
-
-CAMERA = (("width", 640), ("height", 480), ("fx", 642.5), ("fy", 643.5), ("cx", 322.25), ("cy", 237.5))
+    assert found == (lens or replace(LENS, distortion=(*BENT[:4], 0.0)))
 
 
 @pytest.mark.parametrize(
@@ -243,11 +227,8 @@ def test_a_lens_that_folds_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixt
         assert not caplog.messages
         load_intrinsics(written(tmp_path, folding))
     assert "its distortion folds within the picture: from 30" in caplog.text  # 304 px, on a grid
-    wide = (
-        ROS.format("150, 0, 320, 0, 150, 240, 0, 0, 1")
-        + "camera_model: fisheye\n"
-        + COEFFICIENTS.format(4, "0, 0, 0, 0")
-    )
+    wide = ROS.format("150, 0, 320, 0, 150, 240, 0, 0, 1") + "camera_model: fisheye\n"
+    wide += COEFFICIENTS.format(4, "0, 0, 0, 0")
     with caplog.at_level(logging.WARNING):
         load_intrinsics(written(tmp_path, wide))
     assert "it sees further than 89° aside: from 23" in caplog.text

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.config.map_wpilib import layout_text, load_layout
-from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M, load_map, map_text
+from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M, layout_text, load_layout, load_map, map_text
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Floats
 from ledpi.pose.panel_map import MapPanel, PanelMap
-from tests.builders.command import complaint, in_process, ledpi
+from tests.builders.command import Run, complaint, in_process
 
 HALF = math.sqrt(0.5)
 
@@ -77,25 +76,16 @@ MISTAKES = [
     (f"panels:\n  7: {{{PLACE}, yaw_deg: 0}}\n  7: {{{PLACE}, yaw_deg: 0}}\n", "line 3: 7 is there twice"),
     (f"panels: {{7: {{{PLACE}, quaternion_wxyz: [0, 0, 0, 0]}}}}", "panels.7.quaternion_wxyz: is no rotation"),
     (f"panels: {{7: {{{PLACE}, quaternion_wxyz: [1, 1, 0, 0]}}}}", "panels.7.quaternion_wxyz: must have length 1"),
-    (f"panels: {{7: {{{PLACE}, quaternion_wxyz: [1, 0, 0]}}}}", "panels.7.quaternion_wxyz: must be four numbers"),
     ("panels: {7: {position_cm: [400, 100, 150], yaw_deg: 0}}", "position_cm: unknown key; did you mean position_m?"),
     ("panels: {7: {position_m: [4, 1], yaw_deg: 0}}", "panels.7.position_m: must be three numbers"),
-    ("panels: {7: {position_m: [4, 1, .nan], yaw_deg: 0}}", "panels.7.position_m.2: must be a finite number"),
     (f"units: cm\npanels: {{7: {{{PLACE}, yaw_deg: 0}}}}", "units: unknown key"),
-    (f"panels: {{7: {{{PLACE}, yaw_rad: 0}}}}", "panels.7.yaw_rad: unknown key; did you mean yaw_deg?"),
-    (f"panels: {{7: {{{PLACE}, yaw_deg: 0, side_m: 0}}}}", "panels.7.side_m: must be greater than or equal to 0.001"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: 0, side_m: 160}}}}", "panels.7.side_m: must be in metres, 10 at most"),
     (f"panels: {{7: {{{PLACE}}}}}", "panels.7: must have either quaternion_wxyz, or where it faces: yaw_deg"),
-    (f"panels: {{7: {{{PLACE}, yaw_deg: 0, quaternion_wxyz: [1, 0, 0, 0]}}}}", "panels.7: must have either"),
-    (f"panels: {{-7: {{{PLACE}, yaw_deg: 0}}}}", "panels.-7: must be greater than or equal to 0"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: yes}}}}", "panels.7.yaw_deg: takes no true or false"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: 0, deviations: {{angle: 1}}}}}}", "panels.7.deviations.angle: unknown key"),
     ("panels: {7: {position_m: [4000, 1, 1.5], yaw_deg: 0}}", "position_m.0: must be less than or equal to 1000"),
-    (f"panels: {{7: {{{PLACE}, yaw_deg: 1e9}}}}", "panels.7.yaw_deg: must be less than or equal to 360"),
-    (f"deviations: {{position_m: 1e4}}\npanels: {{7: {{{PLACE}, yaw_deg: 0}}}}", "less than or equal to 10, not 10000"),
     ("format: 2\npanels: {}", "format: must be 1"),
     ("panels: {}", "panels: must hold a panel at least"),
-    ("panels: [", "not valid YAML"),
     ("", "must be a map of panels"),
 ]
 
@@ -218,11 +208,7 @@ def test_a_field_map_of_limelight_is_read(tmp_path: Path) -> None:
             lambda tags: tags[0]["transform"].__setitem__(3, 8308.8),
             "fiducials.0.transform: must have x, y and z in metres, within 1000, not [",
         ),
-        (lambda tags: tags[0].update(transform=[1e200] * 16), "fiducials.0.transform: must be a rotation and a place"),
         (lambda tags: tags[0].update(size=0.1651), "fiducials.0.size: must be 20 to 10000 millimetres, not 0.1651"),
-        (lambda tags: tags[1].update(size=6.5), "fiducials.1.size: must be 20 to 10000 millimetres, not 6.5"),
-        (lambda tags: tags[0].update(size=math.nan), "fiducials.0.size: must be a finite number, not nan"),
-        (lambda tags: tags[0].pop("id"), "fiducials.0.id: must be given"),
         (lambda tags: tags.clear(), "fiducials: must not be empty"),
     ],
 )
@@ -256,18 +242,11 @@ def test_a_field_layout_goes_out_as_it_came_in(tmp_path: Path) -> None:
     [
         (lambda layout: layout["tags"][1].update(ID=4), "tags.1.ID: 4 is there twice"),
         (lambda layout: layout["tags"][0]["pose"]["rotation"]["quaternion"].update(Z=0), "must have length 1, not 6"),
-        (lambda layout: layout["tags"][0]["pose"]["rotation"]["quaternion"].update(W=1e200), "length 1, not 1e+200"),
-        (
-            lambda layout: layout["tags"][0]["pose"]["translation"].update(x=math.nan),
-            "tags.0.pose.translation.x: must be a finite number, not nan",
-        ),
         (
             lambda layout: layout.update({"field-tags": layout["tags"]}),
             "tags and field-tags: must be one of them, not 2",
         ),
-        (lambda layout: layout.update(fiducials=[]), "tags and fiducials: must be one of them, not 2"),
         (lambda layout: layout["tags"][0]["pose"].pop("translation"), "tags.0.pose.translation: must be given"),
-        (lambda layout: layout.pop("tags"), "tags: must be given"),
         (lambda layout: layout["tags"][0].update(ID=True), "tags.0.ID: takes no true or false"),
     ],
 )
@@ -282,51 +261,47 @@ def test_a_mistake_in_a_layout_is_named(tmp_path: Path, change: Any, message: st
     assert message in str(error.value)
 
 
-def test_a_wrong_configuration_stops_no_import(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It only tells which IDs its dictionary has; one that is named must be right."""
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """`ledpi map …` in the test's folder."""
     monkeypatch.chdir(tmp_path)
-    Path("layout.json").write_text(json.dumps(LAYOUT))
-    Path("config.yaml").write_text("panels: {side_m: 160}\n")
-    run = in_process(monkeypatch, capsys, "map", "import")
-    status, said, _ = run("layout.json", "markers.yaml")
-    assert (status, Path("markers.yaml").is_file()) == (0, True)
-    assert "was not looked at: config.yaml: panels.side_m: must be in metres" in said
-    assert "side_m" in complaint(run("layout.json", "other.yaml", "--config", "config.yaml"))
+    return in_process(monkeypatch, capsys, "map")
 
 
-@pytest.mark.slow
-def test_map_import_and_export_keep_the_older_file(tmp_path: Path) -> None:
+def test_map_import_and_export_keep_the_older_file(tmp_path: Path, run: Run) -> None:
     """`export`: the layout again, nothing overwritten; an ID without a word is named; what is bad changes nothing."""
     layout = tmp_path / "layout.json"
     layout.write_text(json.dumps(LAYOUT).replace('"ID": 7', '"ID": 57'))
     (tmp_path / "markers.yaml").write_text("my own")
-    done = ledpi("map", "import", layout, "markers.yaml", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "2 panels" in done.stdout
-    assert "57 in markers.yaml cannot be read: DICT_4X4_50 has IDs 0 to 49" in done.stdout
+    status, said, _ = run("import", str(layout), "markers.yaml")
+    assert status == 0
+    assert "2 panels" in said
+    assert "57 in markers.yaml cannot be read: DICT_4X4_50 has IDs 0 to 49" in said
     assert (tmp_path / "markers.yaml.bak-1").read_text() == "my own"
-    field = ("--field", "16.541", "8.211")
-    assert ledpi("map", "export", "markers.yaml", "out.json", *field, cwd=tmp_path).returncode == 0
+    assert run("export", "markers.yaml", "out.json", "--field", "16.541", "8.211")[0] == 0
     assert [tag["ID"] for tag in json.loads((tmp_path / "out.json").read_text())["tags"]] == [4, 57]
     before = (tmp_path / "markers.yaml").read_text()
     layout.write_text("{}")
-    failed = ledpi("map", "import", layout, "markers.yaml", cwd=tmp_path)
-    assert failed.returncode == 2
-    assert "Traceback" not in failed.stderr
+    complaint(run("import", str(layout), "markers.yaml"))
     assert (tmp_path / "markers.yaml").read_text() == before
 
 
-@pytest.mark.slow
-def test_a_device_is_never_put_aside_for_a_map(tmp_path: Path) -> None:
+def test_a_wrong_configuration_stops_no_import(run: Run) -> None:
+    """It only tells which IDs its dictionary has; one that is named must be right."""
+    Path("layout.json").write_text(json.dumps(LAYOUT))
+    Path("config.yaml").write_text("panels: {side_m: 160}\n")
+    status, said, _ = run("import", "layout.json", "markers.yaml")
+    assert (status, Path("markers.yaml").is_file()) == (0, True)
+    assert "was not looked at: config.yaml: panels.side_m: must be in metres" in said
+    assert "side_m" in complaint(run("import", "layout.json", "other.yaml", "--config", "config.yaml"))
+
+
+def test_a_device_is_never_put_aside_for_a_map(tmp_path: Path, run: Run) -> None:
     """An older *file* is renamed. A pipe or /dev/null in its place is not: others need it."""
     layout, pipe = tmp_path / "layout.json", tmp_path / "pipe"
     layout.write_text(json.dumps(LAYOUT))
     os.mkfifo(pipe)
-    failed = ledpi("map", "import", layout, pipe, cwd=tmp_path)
-    assert failed.returncode == 2
-    assert "pipe: is no file but a device" in failed.stderr
+    assert "pipe: is no file but a device" in complaint(run("import", str(layout), str(pipe)))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["layout.json", "pipe"]
 
 
@@ -338,10 +313,8 @@ def test_a_layout_nested_without_end_is_refused(tmp_path: Path) -> None:
         load_layout(file)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("field", [("nan", "3"), ("0", "3")])
-def test_a_field_has_a_size(tmp_path: Path, field: tuple[str, str]) -> None:
+@pytest.mark.parametrize("length", ["nan", "0"])
+def test_a_field_has_a_size(run: Run, length: str) -> None:
     """JSON has no NaN, and a field of no length no place for a panel."""
-    failed = ledpi("map", "export", "markers.yaml", "--field", *field, cwd=tmp_path)
-    assert failed.returncode == 2
-    assert f"--field {field[0]} 3: must be two lengths above 0" in failed.stderr
+    said = complaint(run("export", "markers.yaml", "--field", length, "3"))
+    assert f"--field {length} 3: must be two lengths above 0" in said

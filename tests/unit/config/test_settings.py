@@ -73,20 +73,14 @@ def test_a_dash_on_the_command_line_is_text() -> None:
 MISTAKES = [
     ("camera.sorce=x", "camera.sorce: unknown key; did you mean source? allowed here: analogue_gain,"),
     ("camra.source=x", "camra: unknown key; did you mean camera? allowed here: camera, decode, map, odometry"),
-    ("camera.auto=1", "camera.auto: unknown key; allowed here: analogue_gain"),
     ("odometry.base_m=0", "odometry.base_m: must be greater than or equal to 0.01, not 0"),
     ("odometry.source=serial", "odometry.source: serial needs serial.port; without a controller: tap or none"),
     ("7=3", "7: unknown key; allowed here: camera"),
     ("camera=3", "camera: must be a section with the keys analogue_gain, exposure_us, frame_duration_us"),
     ("camera.source=webcam", "source: must be picamera2, picamera2:N, simulated, recording:PATH or v4l2:/dev/video"),
-    ("camera.source=recording:", "camera.source: must be picamera2, picamera2:N, simulated, recording:PATH or v4l2:"),
-    ("camera.source=3", "camera.source: must be picamera2, picamera2:N, simulated, recording:PATH or v4l2:"),
     ("camera.frame_duration_us=abc", "camera.frame_duration_us: must be a number or auto, not 'abc'"),
     ("camera.row_time_us=0", "camera.row_time_us: must be greater than or equal to 1 or auto, not 0"),
     ("camera.analogue_gain=0.5", "camera.analogue_gain: must be greater than or equal to 1 or auto, not 0.5"),
-    ("camera.row_time_us=3.367e-5", "camera.row_time_us: must be greater than or equal to 1 or auto, not 3.367e-05"),
-    ("camera.exposure_us=0.01", "camera.exposure_us: must be greater than or equal to 1, not 0.01"),
-    ("panels.black_hz=1.25", "panels.black_hz: must be greater than or equal to 10, not 1.25"),
     ("camera.exposure_us=long", "camera.exposure_us: must be a number, not 'long'"),
     ("camera.exposure_us=.inf", "camera.exposure_us: must be a finite number, not inf"),
     ("camera.width=640.5", "camera.width: must be a whole number, not 640.5"),
@@ -95,13 +89,9 @@ MISTAKES = [
     ("panels.side_m=", "panels.side_m: must be a number, not null"),
     ("panels.side_m=0", "panels.side_m: must be greater than or equal to 0.001, not 0"),
     ("panels.side_m=160", "panels.side_m: must be in metres, 10 at most (160 mm are 0.16), not 160"),
-    ("panels.side_m=160000", "panels.side_m: must be in metres, 10 at most, not 160000"),
-    ("panels.side_m=.nan", "panels.side_m: must be a finite number, not nan"),
     ("panels.side_m=yes", "panels.side_m: takes no true or false"),
     ("panels.upright=1", "panels.upright: must be true or false, not 1"),
-    ("panels.duty=1", "panels.duty: must be less than or equal to 0.99, not 1"),
     ("panels.dictionary=DICT_4x4_50", "panels.dictionary: did you mean DICT_4X4_50? must be one of DICT_4X4_100, "),
-    ("panels.dictionary=DICT_9X9", "panels.dictionary: must be one of DICT_4X4_100, DICT_4X4_1000"),
     ("panels.white_hz=1250", "panels: black_hz and white_hz must differ, both are 1250"),
     ("panels.overrides=3", "panels.overrides: must be a mapping from IDs, as in {7: {side_m: 0.3}}, not 3"),
     ("panels.overrides={x: {side_m: 1}}", "panels.overrides.x: must be a whole number, not 'x'"),
@@ -109,26 +99,17 @@ MISTAKES = [
     ("panels.overrides={50: {side_m: 1}}", "panels.overrides.50: DICT_4X4_50 has only the IDs 0 to 49"),
     ("panels.overrides={7: {black_hz: 2450}}", "panels.overrides.7: black_hz and white_hz must differ"),
     ("robot.camera_mount.rpy_deg=[1, 2]", "robot.camera_mount.rpy_deg: must be three numbers, as in"),
-    ("robot.camera_mount.rpy_deg=3", "robot.camera_mount.rpy_deg: must be three numbers, as in"),
-    ("robot.camera_mount.rpy_deg=[1, 2, x]", "robot.camera_mount.rpy_deg.2: must be a number, not 'x'"),
     ("robot.camera_mount.position_m=[0, 0, 1200]", "robot.camera_mount.position_m.2: must be less than or equal to 10"),
-    ("robot.camera_mount.rpy_deg=[0, 1e9, 0]", "robot.camera_mount.rpy_deg.1: must be less than or equal to 360"),
-    ("camera.width=16384", "camera.width: must be less than or equal to 5000, not 16384"),
-    ("panels.white_hz=2450000", "panels.white_hz: must be less than or equal to 100000, not 2450000"),
     ("panels.overrides={99999999: {}}", "panels.overrides.99999999: must be less than or equal to 65535"),
-    ("serial.max_age_ms=1e9", "serial.max_age_ms: must be less than or equal to 60000"),
     ("panels.ids=5", "panels.ids: must be a list, as in [7, 23], not 5"),
     ("panels.ids=[]", "panels.ids: must not be empty, not []"),
     ("panels.ids=[7, 1, 07]", "panels.ids: must list each ID once, and lists 7 twice, not [7, 1, 7]"),
     ("panels.overrides={7: {measured: soon}}", "panels.overrides.7.measured: must be a date, as in 2026-11-25, not"),
-    ("tap.socket=''", "tap.socket: must not be empty, not ''"),
     ("serial.port=''", "serial.port: must not be empty, not ''"),
     (
         "serial.port=udpout:10.0.0.2:14550",
         "serial.port: must be a serial port's path; to an address poses go by outputs",
     ),
-    ("serial.port=3", "serial.port: must be text, not 3"),
-    ("serial.baud=-", "serial.baud: must be a whole number, not '-'"),
     ("serial.baud=3", "serial.baud: must be greater than or equal to 1200, not 3"),
     ("decode.method=magic", "decode.method: must be "),
 ]
@@ -374,3 +355,33 @@ def test_one_panel_may_be_in_antiphase(tmp_path: Path) -> None:
     panels = load_config(write(tmp_path, f"panels: {{side_m: 0.2, overrides: {override}}}")).panels
     assert panels.spec(9).waves_hz == (1653.0,)
     assert panels.frequencies_hz() == (1250.0, 1653.0, 2450.0)
+
+
+OLD = [("soft", "likelihood"), ("bands", "uemura")]
+
+
+@pytest.mark.parametrize(("old", "new"), OLD)
+def test_an_old_name_in_a_file_is_read_and_noted(
+    old: str, new: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line, with the file, the key and today's name."""
+    file = tmp_path / "config.yaml"
+    file.write_text(f"panels: {{side_m: 0.16}}\ndecode: {{method: {old}}}\n")
+    assert load_config(file).decode.method == new
+    assert capsys.readouterr().err == f"ledpi: {file}: decode.method: {old} is now called {new}\n"
+
+
+@pytest.mark.parametrize(("old", "new"), OLD)
+def test_an_old_name_on_the_command_line_is_read_and_noted(
+    old: str, new: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As --set has it, and --method, which is the same."""
+    assert load_config(None, ("panels.side_m=0.16", f"decode.method={old}")).decode.method == new
+    assert capsys.readouterr().err == f"ledpi: configuration: decode.method: {old} is now called {new}\n"
+
+
+@pytest.mark.parametrize("name", ["likelihood", "uemura"])
+def test_todays_names_are_not_noted(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is printed."""
+    assert load_config(None, ("panels.side_m=0.16", f"decode.method={name}")).decode.method == name
+    assert capsys.readouterr().err == ""

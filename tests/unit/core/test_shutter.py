@@ -63,15 +63,6 @@ def test_rows_of_a_lamp_by_hand() -> None:
     np.testing.assert_allclose(weights, [1, 1, 1, 1, 0.5, 0, 0, 0, 0, 0.5], rtol=0, atol=1e-9)
 
 
-def test_bands_of_a_picture_have_the_width_of_the_equation() -> None:
-    """Counted edges over many rows: 1250 Hz at 33.67 µs a row goes on and off every 11.88 rows."""
-    rows = np.arange(10_000.0)
-    weights = row_weights(rows, frequency_hz=1250, phase_cycles=0.2, duty=0.5, exposure_us=1, row_time_us=33.67)
-    edges = np.flatnonzero(np.diff((weights > 0.5).astype(int)))
-    width = (edges[-1] - edges[0]) / (len(edges) - 1)
-    assert width == pytest.approx(1 / (2 * 1250 * 33.67e-6), rel=2e-4)
-
-
 @pytest.mark.parametrize(
     ("frequency_hz", "exposure_us", "expected"),
     [

@@ -78,9 +78,12 @@ def test_where_nothing_was_proposed_again_is_forgotten() -> None:
 def test_the_picture_is_searched_every_third_frame_while_all_panels_are_seen() -> None:
     """And in each frame in which one is not, or none is shown; the first is searched anyway."""
     agenda = Agenda()
-    assert [agenda.is_due([True]) for _ in range(7)] == [True, False, False, True, False, False, True]
+    assert [(agenda.is_due_next, agenda.is_due([True])) for _ in range(7)] == [
+        (due, due) for due in (True, False, False, True, False, False, True)
+    ]
     assert [agenda.is_due([False]) for _ in range(6)] == [True] * 6
     assert [agenda.is_due([True]) for _ in range(SEARCH_EVERY)] == [False, False, True]
+    assert agenda.is_due([True, False])
 
 
 def test_a_missing_panel_is_searched_for_less_and_less_often() -> None:

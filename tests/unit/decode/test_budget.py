@@ -17,7 +17,7 @@ from ledpi.core.records import Decoded, Floats, Frame
 from ledpi.pipeline.likelihood import STREAM_BUDGET
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.daemon import Daemon
-from ledpi.runtime.pacing import MAX_BUDGET, MIN_BUDGET, SHARE, Pacing
+from ledpi.runtime.liveness import MAX_BUDGET, MIN_BUDGET, SHARE, Pacing
 from tests.builders.daemon import SIMULATED, controller
 from tests.builders.decode import PINHOLE, Bits, Canvas, camera_info, panel_settings, square, word
 

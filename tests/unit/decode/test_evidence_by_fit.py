@@ -19,7 +19,7 @@ from ledpi.decode.model.fit import Effort, Fitted, Fitter
 from ledpi.decode.model.light import Window
 from ledpi.decode.observation import Observation
 from ledpi.simulate.sensor import sensor_info
-from ledpi.tools.evaluate.reading import PanelReader
+from ledpi.tools.evaluate.scoring import PanelReader
 from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, panel_settings, word
 from tests.builders.model import Panel, projected, window_of
 

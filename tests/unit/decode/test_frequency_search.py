@@ -22,12 +22,12 @@ def proposed(
     period_us: float = PERIOD_US,
     size_px: float = 60,
 ) -> Proposal | None:
-    """The proposal from so many frames of panel 7; frequencies are (black, white) in Hz."""
+    """The proposal from so many frames of panel 7, whose light varies; frequencies are (black, white) in Hz."""
     spec, shown = (dataclasses.replace(SPEC, black_hz=black, white_hz=white) for black, white in (announced, true))
     corners, seen = square(310.3, 240.6, size_px, 4), []
     for n in range(frames):
         canvas = Canvas()
-        canvas.panel(corners, word(7), light=0.4, spec=shown, start_us=n * period_us)
+        canvas.panel(corners, word(7), light=0.3 + 0.1 * (n % 3), spec=shown, start_us=n * period_us)
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * period_us))
         seen.append(observed(frame, corners)._replace(samples=samples_of(frame, corners)))
     dictionary = load_dictionary("DICT_4X4_50")

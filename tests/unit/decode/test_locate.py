@@ -180,18 +180,6 @@ def test_corners_keep_the_order_of_the_rough_ones(turns: int) -> None:
     assert rms(found.lattice_px - true) < 0.6
 
 
-def test_the_lattice_of_cells_of_one_size_ends_beyond_their_light() -> None:
-    """By half a wall of 7 % of a cell, where there is none at the rim: 1.2 px of 130 px."""
-    true = square(310.4, 240.2, 130, 8)
-    canvas = Canvas()
-    canvas.panel(true, word(7), profile=one_size)
-    found = located(canvas.frame(), true)
-    assert found.lattice_px is not None
-    half_wall_px = 0.035 / (4 - 0.07) * 130
-    assert outward(found.lattice_px - true, true) == pytest.approx(half_wall_px, abs=0.25)
-    assert rms(error_of(found, true)) < 0.2
-
-
 def test_a_panel_that_the_lens_bends_is_followed() -> None:
     """Near the picture's corner: knowing the lens, the corners are exact although no side is straight."""
     straight = square(490, 350, 230, 3)
@@ -200,17 +188,6 @@ def test_a_panel_that_the_lens_bends_is_followed() -> None:
     canvas.panel(straight, word(7), lens=LENS)
     with_lens, without = (located(canvas.frame(), nudged(true, 1), lens) for lens in (LENS, None))
     assert rms(error_of(with_lens, true)) < min(0.15, rms(error_of(without, true)))
-
-
-def test_noise_increases_the_corners_deviation() -> None:
-    """The stated deviation grows as the light falls to a twentieth."""
-    true = square(310.4, 240.2, 80, 7)
-    stated = []
-    for light in (0.4, 0.02):
-        canvas = Canvas(background=0.003)
-        canvas.panel(true, word(7), light=light)
-        stated.append(math.sqrt(variance_px2(located(canvas.frame(), true))))
-    assert stated[1] > 1.5 * stated[0] > 0
 
 
 @pytest.mark.parametrize("around", [0.1, 0.3])

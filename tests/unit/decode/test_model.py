@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ledpi.core.records import Floats, Rejected
+from ledpi.core.records import Floats
 from ledpi.decode.model.fit import Effort, Fitted, Fitter
 from ledpi.decode.model.light import Window
 from ledpi.decode.model.prior import (
@@ -24,7 +24,7 @@ from ledpi.decode.model.prior import (
     SMEAR,
     turned_unknown,
 )
-from tests.builders.decode import LENS, PHASES, SPEC, TRUE_10_MS_US, Canvas, reason, seen_through, square, word
+from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, Canvas, reason, square, word
 from tests.builders.model import Panel, nees, places_of, projected, window_of
 
 FITTER = Fitter(4, None)
@@ -301,29 +301,6 @@ def test_deviations_do_not_jump_where_a_side_begins_to_be_taken_for_hidden(side:
     before, after = deviation_px(HIDDEN - 1e-3), deviation_px(HIDDEN + 1e-3)
     assert deviation_px(HIDDEN - 5e-5) == pytest.approx(before, rel=0.1)
     assert deviation_px(HIDDEN + 5e-5) == pytest.approx(after, rel=0.1)
-
-
-def test_a_lens_bends_the_whole_picture() -> None:
-    """Near the picture's corner, where a panel without it is off by a quarter of a pixel."""
-    straight = square(520.0, 380.0, 170.0, 5)
-    canvas = Canvas()
-    canvas.panel(straight, word(7), lens=LENS)
-    true, frame = seen_through(LENS, straight), canvas.frame()
-    window = Window.crop(frame, true, 0.1)
-    assert window is not None
-    with_lens, without = (Fitter(4, lens).fit(frame, window, true + 1.0, SPEC, WHOLE) for lens in (LENS, None))
-    assert isinstance(with_lens, Fitted)
-    assert isinstance(without, Fitted)
-    assert np.abs(with_lens.corners_px - true).max() < 0.1
-    assert np.abs(without.corners_px - true).max() > 0.2
-
-
-@pytest.mark.parametrize("corners", [np.full((4, 2), 80.0), TRUE[[0, 2, 1, 3]], TRUE + 1e6])
-def test_corners_that_are_none_come_to_nothing(corners: Floats) -> None:
-    """Without an area, folded, or far from the picture."""
-    panel = Panel(corners=TRUE)
-    fit = FITTER.fit(panel.frame(), window_of(panel.light()), corners, SPEC, WHOLE)
-    assert isinstance(fit, Rejected) or fit.explained < 0.5
 
 
 # ---- The window

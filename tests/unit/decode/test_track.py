@@ -161,13 +161,6 @@ def test_a_square_is_not_followed_twice(tracker: Tracker) -> None:
     assert tracker.unread_tracks() == [beside, first]
 
 
-def test_two_candidates_for_one_square_make_one_track(tracker: Tracker) -> None:
-    """A bezel and the panel within it lead to the same square, to a hundredth of a pixel."""
-    tracker.begin_frame(FRAME_NS)
-    track_of(tracker, quad(PLACE))
-    assert tracker.associate(quad(PLACE + 0.01)) is None
-
-
 # Four columns, of which three are PLACE; and a bezel around it.
 AROUND_PLACE = [np.array([[270.0, 170], [350, 170], [350, 230], [270, 230]]), square(300, 200, 66)]
 

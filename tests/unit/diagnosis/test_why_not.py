@@ -13,7 +13,7 @@ from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.config.settings import Config
 from ledpi.core.records import CameraInfo, Frame, RowsFrom
 from ledpi.diagnosis.diagnose import Diagnosis, NotRead, diagnose, not_read_in
-from ledpi.diagnosis.mistakes import swapped
+from ledpi.diagnosis.reasons import swapped
 from ledpi.diagnosis.what_if import Supposed
 from ledpi.diagnosis.why_not import RUN_FRAMES, Why, WhyNot
 from ledpi.pipeline.pipeline import Pipeline

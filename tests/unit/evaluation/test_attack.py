@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import random
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from evaluation.endurance import attack as bench
 from evaluation.endurance import sanitized
 from evaluation.endurance.hostile import check_numbers
 from evaluation.endurance.hostile_frames import draw_camera, draw_panels, frames
@@ -110,30 +107,3 @@ def test_a_panel_is_followed_out_of_the_picture(exposure_us: float) -> None:
         check_numbers(told)
         read.append(len(told.markers))
     assert (read[0], read[-1]) == (1, 0)
-
-
-def fails(tmp_path: Path, program: str) -> bool:
-    """Tells whether an attack that is this program has failed."""
-    found = bench.Attack("pictures", [sys.executable, "-c", program], "scene", 3)
-    return not bench.run([found], dict(os.environ), tmp_path, 0.0)
-
-
-def test_a_failure_is_reported_with_the_command_that_repeats_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Tells what the sanitizers said, and the scene that was begun last."""
-    assert not fails(tmp_path, "print('scene 6'); print('scene 7'); print('Tally()')")
-    assert "nothing found: Tally()" in capsys.readouterr().out
-    assert fails(tmp_path, "print('scene 6'); print('scene 7'); raise SystemExit('runtime error: shift')")
-    said = capsys.readouterr().out.splitlines()
-    assert said[0] == "pictures: FAILED, status 1"
-    assert said[1:] == ["runtime error: shift", "again: python -m evaluation.endurance attack --seed 3 --scene 7"]
-
-
-def test_what_hangs_has_failed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is ended, and told."""
-    monkeypatch.setattr(bench, "GRACE_S", 0.5)
-    assert fails(tmp_path, "import time; time.sleep(600)")
-    assert "pictures: FAILED, it hung" in capsys.readouterr().out

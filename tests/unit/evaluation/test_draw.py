@@ -27,7 +27,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.reading import FRAMES_A_TAKE
+from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE
 
 PANELS = PanelSettings(side_m=0.16)
 ALL_EXIST = PanelSettings(side_m=0.16, ids=tuple(range(50)))  # those too that a part of another panel can show

@@ -31,7 +31,7 @@ def test_figures_are_kept_of_both_kinds() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not here (apt install valgrind)")
 def test_no_frame_takes_a_tenth_more_than_is_kept() -> None:
-    """`python -m evaluation.speed instructions` prints the figures; `--renew` keeps new ones, where more is meant."""
+    """`python -m evaluation.speed.instructions` prints the figures; `--renew` keeps new ones, where more is meant."""
     counted = thousands_a_frame()
     assert set(counted) == set(KINDS)
     assert 1_000 < counted["followed"] < counted["searched"]

@@ -4,11 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import multiprocessing
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -29,8 +24,7 @@ from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.reader import load_recording
-from ledpi.tools.evaluate.folder import source_digest
-from tests.builders import ROOT
+from ledpi.tools.evaluate.page import source_digest
 
 SMALL = ("--suite", "paper", "--distance", "1", "--exposure-us", "10000", "--frames", "3")
 
@@ -296,39 +290,3 @@ def test_a_scheduler_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
         run("--out", "out", *SMALL, "--scheduler", "tcp://127.0.0.1:9")
     with pytest.raises(ConfigError, match="--scheduler nowhere: must be as tcp://HOST:PORT"):
         run("--out", "out", *SMALL, "--scheduler", "nowhere")
-
-
-@pytest.mark.slow
-def test_who_breaks_off_does_not_wait_for_what_is_half_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As with Ctrl-C: a worker that is in the midst of a unit is ended, since nobody will ask for its result."""
-    monkeypatch.setattr(workers_module, "run_unit", time.sleep)
-    others = multiprocessing.active_children()
-    results = workers_module.run_on_processes([0.0, 1e6], 2)  # type: ignore[list-item]
-    next(results)
-    workers = [process for process in multiprocessing.active_children() if process not in others]
-    results.close()
-    for process in workers:
-        process.join()
-    assert -signal.SIGTERM in [process.exitcode for process in workers]
-
-
-@pytest.mark.slow
-def test_workers_end_with_the_process_that_hands_out_the_work() -> None:
-    """However that was ended: nobody is left to take what they do."""
-    script = """
-import multiprocessing, time
-from evaluation.suites import workers
-workers.run_unit = time.sleep
-results = workers.run_on_processes([0.0, 1e6, 1e6], 2)
-next(results)
-print(*(process.pid for process in multiprocessing.active_children()), flush=True)
-next(results)
-"""
-    root = ROOT
-    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, cwd=root) as parent:
-        assert parent.stdout is not None
-        workers = [int(pid) for pid in parent.stdout.readline().split()]
-        assert len(workers) == 2
-        parent.kill()
-    while any(Path(f"/proc/{pid}").exists() for pid in workers):
-        time.sleep(0.05)

@@ -18,7 +18,7 @@ from evaluation.suites.draw import Take
 from evaluation.suites.oracle import read_with_oracle
 from evaluation.suites.units import photographed
 from evaluation.suites.wild import draw_wild
-from evaluation.suites.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, Span, drawn
+from evaluation.suites.wild_rows import TAKE_SPANS, WILD, Span, drawn
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
 from ledpi.core.records import Frame
@@ -94,62 +94,6 @@ def test_few_takes_cover_every_range() -> None:
         at = [point[name] for point in points]
         edges = np.geomspace(span.low, span.high, 9) if span.log else np.linspace(span.low, span.high, 9)
         assert np.histogram(at, edges)[0].tolist() == [8] * 8, name
-
-
-@pytest.mark.slow
-def test_a_later_take_does_not_depend_on_how_many_there_are() -> None:
-    """Point 5 is the same when the sequence is drawn further than its first block."""
-    before = drawn(CAMERA_SPANS, "far", 9, 5)
-    drawn(CAMERA_SPANS, "far", 9, 5000)
-    assert drawn(CAMERA_SPANS, "far", 9, 5) == before
-    assert drawn(CAMERA_SPANS, "far", 10, 5) != before
-    assert drawn(CAMERA_SPANS, "mid", 9, 5) != before
-
-
-@pytest.mark.slow
-def test_one_in_eight_has_a_dead_cell_or_a_hidden_strip(takes: dict[str, list[Take]]) -> None:
-    """Four of 64 each, in every row."""
-    for row, own in takes.items():
-        dead = [take for take in own if np.any(take.scene.panels[0].cell_gains == 0)]
-        hidden = [
-            take
-            for take in own
-            if any(light.motion.scene_from_body(0.0)[2, 3] < 0.95 * depth(take) for light in take.scene.lights)
-        ]
-        assert (len(dead), len(hidden)) == (4, 4), row
-
-
-def depth(take: Take) -> float:
-    return float(take.scene.panels[0].motion.scene_from_body(0.0)[2, 3])
-
-
-@pytest.mark.slow
-def test_everything_varies_at_once(takes: dict[str, list[Take]]) -> None:
-    """Gives a good part of a row's takes each of what panels, rooms and cameras may be."""
-    scenes = [take.scene for take in takes["near"]]
-    looks = [scene.panels[0].appearance for scene in scenes]
-    shares = {
-        "deep walls": np.mean([appearance.depth > 0 for appearance in looks]),
-        "several LEDs": np.mean([appearance.leds > 1 for appearance in looks]),
-        "cells of one size": np.mean([appearance.equal_cells for appearance in looks]),
-        "a glossy floor": np.mean([scene.floor is not None for scene in scenes]),
-        "something bright around": np.mean([any(light.level > 0 for light in scene.lights) for scene in scenes]),
-        "linear tone": np.mean([scene.sensor.transfer == "linear" for scene in scenes]),
-    }
-    assert all(0.15 < share < 0.65 for share in shares.values()), shares
-    assert len({scene.sensor.row_time_us for scene in scenes}) == len(scenes) / TAKES_A_CAMERA
-
-
-@pytest.mark.slow
-def test_a_glossy_floor_lies_below_camera_and_panel(takes: dict[str, list[Take]]) -> None:
-    """So that what it shows is below the panel in the picture."""
-    floors = [(take, take.scene.floor) for own in takes.values() for take in own if take.scene.floor is not None]
-    assert floors
-    for take, floor in floors:
-        corners_m = 0.08 * np.array([[-1, 1, 0, 0], [1, 1, 0, 0], [1, -1, 0, 0], [-1, -1, 0, 0]], float)
-        pose = take.scene.panels[0].motion.scene_from_body(0.0)
-        assert floor.y_m > 0
-        assert floor.y_m >= (corners_m @ pose.T + pose[:, 3])[:, 1].max() - 1e-9
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -16,7 +15,6 @@ from ledpi.pose.corners import (
     centre_px,
     corners_at,
     corners_at_row,
-    independent,
     velocity_covariance,
     whiteners,
 )
@@ -38,10 +36,7 @@ def test_corners_are_brought_to_one_rows_time() -> None:
     velocity = np.tile([300.0, 0.0], (4, 1))
     moved = corners_at_row(UPRIGHT, velocity, 90.0, 40.0)
     np.testing.assert_allclose(moved - UPRIGHT, [[0.48, 0], [0.48, 0], [-0.48, 0], [-0.48, 0]])
-
-
-def test_without_a_velocity_corners_stay() -> None:
-    """A first detection."""
+    # Without a velocity, as of a first detection, they stay.
     assert corners_at_row(UPRIGHT, None, 90.0, 40.0) is UPRIGHT
 
 
@@ -63,37 +58,6 @@ def test_a_size_that_is_not_known_weighs_little() -> None:
     assert np.linalg.norm(whiten @ outward) == pytest.approx(1.0, rel=0.01)
     aside = np.tile([0.2, 0.0], 4)
     assert np.linalg.norm(whiten @ aside) == pytest.approx(2 * 0.2 / FLOOR_PX)
-
-
-def test_what_is_known_of_corners_alone_is_of_each_coordinate() -> None:
-    """A detector that says no more than how exact it is."""
-    np.testing.assert_array_equal(independent(0.5), np.diag([0.25] * 8))
-
-
-def test_an_unknown_motion_moves_corners_as_a_camera_would() -> None:
-    """10,000 cameras that move as robots do, 1 ms apart: how a slanted square's corners move agrees.
-
-    Within a tenth of a variance, as one depth stands for those of four corners."""
-    rng = np.random.default_rng(4)
-    turn = cv2.Rodrigues(np.array([0.3, -0.5, 0.2]))[0]
-    square = np.array([[-0.08, -0.08, 0], [0.08, -0.08, 0], [0.08, 0.08, 0], [-0.08, 0.08, 0]]) @ turn.T + [
-        0.2,
-        -0.1,
-        1,
-    ]
-
-    def seen(points: Floats) -> Floats:
-        return np.asarray((points[..., :2] / points[..., 2:]) * (LENS.fx, LENS.fy) + (LENS.cx, LENS.cy))
-
-    drives, turns = (
-        SPEED_SIGMA_M_S * rng.normal(size=(10_000, 1, 3)),
-        TURN_SIGMA_RAD_S * rng.normal(size=(10_000, 1, 3)),
-    )
-    later = square - 1e-3 * (drives + np.cross(turns, square))
-    moved = ((seen(later) - seen(square)) / 1e-3).reshape(-1, 8)
-    expected = velocity_covariance(seen(square), 0.16, LENS)
-    scale = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(np.cov(moved.T) / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.1)
 
 
 def test_an_unknown_motion_moves_corners_by_the_slopes_of_their_picture() -> None:

@@ -83,30 +83,11 @@ def test_the_files_hold_the_contract_s_keys(tmp_path: Path) -> None:
     with writer(tmp_path) as recorder:
         recorder.write(frame(3, 1_000_000_007), [MARKER])
     header = yaml.safe_load((tmp_path / "recording.yaml").read_text())
-    assert header == {
-        "format": 1,
-        "note": "two\nlines",
-        "camera": {
-            "width": 8,
-            "height": 6,
-            "row_time_us": 31.75,
-            "exposure_us": 150.0,
-            "transfer": "linear",
-            "frame_length_rows": 509,
-            "fx": 10.5,
-            "fy": 11.0,
-            "cx": 3.5,
-            "cy": 2.5,
-            "distortion": [0.1, 0.2, 0.3, 0.4, 0.5],
-        },
-        "panel": {
-            "dictionary": "DICT_5X5_50",
-            "side_m": 0.3,
-            "black_hz": 1262.0,
-            "white_hz": 2450.0,
-            "duty": 0.4,
-        },
-    }
+    lens = {"fx": 10.5, "fy": 11.0, "cx": 3.5, "cy": 2.5, "distortion": [0.1, 0.2, 0.3, 0.4, 0.5]}
+    rows = {"row_time_us": 31.75, "exposure_us": 150.0, "transfer": "linear", "frame_length_rows": 509}
+    panel = {"dictionary": "DICT_5X5_50", "side_m": 0.3, "black_hz": 1262.0, "white_hz": 2450.0, "duty": 0.4}
+    camera = {"width": 8, "height": 6, **rows, **lens}
+    assert header == {"format": 1, "note": "two\nlines", "camera": camera, "panel": panel}
     assert (tmp_path / "frames.jsonl").read_text() == (
         '{"seq":3,"file":"frames/000003.png","sensor_timestamp_ns":1000000007,"exposure_us":149.5,'
         '"analogue_gain":2.5}\n'
@@ -168,32 +149,26 @@ def test_a_frame_that_could_not_be_read_back_is_refused(tmp_path: Path, second: 
     assert len(load_recording(tmp_path).frames) == 1
 
 
-def test_a_full_disk_leaves_whole_frames(tmp_path: Path) -> None:
-    """On a full disk (here: a limit on a file's size) the file is named, and the rest stays readable."""
+@pytest.mark.parametrize(("most_bytes", "names", "left"), [(165, "frames.jsonl", [0]), (20, "000001.png", None)])
+def test_a_full_disk_leaves_whole_frames(tmp_path: Path, most_bytes: int, names: str, left: list[int] | None) -> None:
+    """On a full disk (here: a limit on a file's size) the file is named, and the rest stays readable.
+
+    A line and a half fit, of 110 bytes, and every picture does; or not even that: half a picture is taken away.
+    """
     with writer(tmp_path) as recorder:
         limit = resource.getrlimit(resource.RLIMIT_FSIZE)
-        line_bytes = 110  # a line and a half fit, and every picture does
-        resource.setrlimit(resource.RLIMIT_FSIZE, (line_bytes + line_bytes // 2, limit[1]))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, limit[1]))
         try:
-            recorder.write(frame(0, 1000))
-            with pytest.raises(RecordingError, match=r"frames.jsonl: cannot be written: File too large"):
+            if left is not None:
+                recorder.write(frame(0, 1000))
+            with pytest.raises(RecordingError, match=rf"{names}: cannot be written: File too large"):
                 recorder.write(frame(1, 2000))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    assert [entry.seq for entry in load_recording(tmp_path).frames] == [0]
-
-
-def test_a_picture_that_does_not_fit_is_taken_away(tmp_path: Path) -> None:
-    """Half a picture is of no use to anybody, and the disk is full already."""
-    with writer(tmp_path) as recorder:
-        limit = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (20, limit[1]))
-        try:
-            with pytest.raises(RecordingError, match=r"000000.png: cannot be written: File too large"):
-                recorder.write(frame(0, 1000))
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    assert os.listdir(tmp_path / "frames") == []
+    if left is None:
+        assert os.listdir(tmp_path / "frames") == []
+    else:
+        assert [entry.seq for entry in load_recording(tmp_path).frames] == left
 
 
 def test_writing_outside_the_block_is_a_mistake_of_the_program(tmp_path: Path) -> None:

@@ -13,8 +13,7 @@ from ledpi.core.errors import RecordingError
 from ledpi.core.records import PanelSpec
 from ledpi.runtime import kept_takes
 from ledpi.runtime.kept_takes import KeptTakes
-from ledpi.runtime.take_order import note_begun
-from ledpi.runtime.takes import MAX_AUTOMATIC, Shown, make_room, new_take
+from ledpi.runtime.takes import MAX_AUTOMATIC, Shown, make_room, new_take, note_begun
 from ledpi.tap.protocol import Request
 from tests.builders.tap import CAMERA
 

@@ -25,7 +25,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
 from ledpi.runtime.recorder import BEHIND, WAITING, Recorder
-from ledpi.runtime.take_writer import LIVE_FILE, TakeWriter
+from ledpi.runtime.takes import LIVE_FILE, TakeWriter
 from tests.builders import ROOT
 from tests.builders.command import LEDPI, ledpi
 from tests.builders.daemon import SIMULATED as SETTINGS

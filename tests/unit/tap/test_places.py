@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from ledpi.core.errors import ConfigError
-from ledpi.tap import listening
-from ledpi.tap.listening import Listening
+from ledpi.tap import crowd
+from ledpi.tap.crowd import Listening
 from ledpi.tap.places import SERVICE, to_look, to_serve
 from tests.builders import ROOT
 from tests.builders.tap import Raw, tap_at
@@ -39,37 +39,40 @@ def test_by_hand_it_is_in_the_users_own_runtime_folder(tmp_path: Path, monkeypat
     assert to_look()[:2] == [SERVICE, path]
 
 
-@pytest.mark.parametrize("given", ["", "not/absolute", "/nowhere/at/all"])
+@pytest.mark.parametrize("given", ["", ".", "/nowhere/at/all"])
 def test_without_such_a_folder_it_is_under_tmp(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """As after `su` or `sudo`."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", given)
     assert to_serve("auto") == Path(f"/tmp/ledpi-{os.geteuid()}/tap.sock")
 
 
-@pytest.mark.parametrize("mischief", ["writable", "link", "file"])
+@pytest.mark.parametrize("mischief", ["group", "others", "owner", "link", "file"])
 def test_a_folder_that_another_may_have_made_is_not_used(
     tmp_path: Path, mischief: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Neither by the daemon nor by its clients."""
+    """Neither by the daemon nor by its clients: another may write in it, or has it; or it is no folder."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     folder = tmp_path / "ledpi"
-    if mischief == "writable":
-        folder.mkdir()
-        folder.chmod(0o777)
-    elif mischief == "link":
-        (tmp_path / "elsewhere").mkdir()
+    if mischief == "link":
+        (tmp_path / "elsewhere").mkdir(mode=0o700)
         folder.symlink_to(tmp_path / "elsewhere")
-    else:
+    elif mischief == "file":
         folder.write_text("mine", encoding="utf-8")
+    else:
+        folder.mkdir()
+        folder.chmod({"group": 0o720, "others": 0o702, "owner": 0o700}[mischief])
+    if mischief == "owner":
+        monkeypatch.setattr(os, "geteuid", lambda: folder.stat().st_uid + 1)
     with pytest.raises(ConfigError, match=r"tap.socket: .*ledpi"):
         to_serve("auto")
     assert folder / "tap.sock" not in to_look()
 
 
-def test_a_path_that_is_too_long_for_a_socket_is_said(tmp_path: Path) -> None:
+def test_a_path_that_is_too_long_for_a_socket_is_said() -> None:
     """Linux would say that it is invalid."""
     with pytest.raises(ConfigError, match="a socket's path must have 107 at most"):
-        to_serve(str(tmp_path / ("x" * 110)))
+        to_serve(f"/{'x' * 107}")
+    assert to_serve(f"/{'x' * 106}")
 
 
 def test_what_a_dead_daemon_left_is_replaced(tmp_path: Path) -> None:
@@ -134,7 +137,7 @@ def test_a_folder_without_permission_is_said(tmp_path: Path) -> None:
     """As any user who is not root meets it."""
     path = tmp_path / "tap.sock"
     script = (
-        "import os; from pathlib import Path; from ledpi.tap.listening import Listening; os.setuid(65534); "
+        "import os; from pathlib import Path; from ledpi.tap.crowd import Listening; os.setuid(65534); "
         f"Listening(Path({str(path)!r}))"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
@@ -147,7 +150,7 @@ def test_the_group_may_use_it_whatever_the_umask(
 ) -> None:
     """Lets the daemon's group in where that is `ledpi`, as in the service; by hand it is its user's alone."""
     gid = None if group is None else os.getegid() + (group == "another")
-    monkeypatch.setattr(listening, "_gid", lambda name: gid)
+    monkeypatch.setattr(crowd, "_gid", lambda name: gid)
     before = os.umask(0o077)
     try:
         listens = Listening(tmp_path / "tap.sock")

@@ -191,13 +191,6 @@ def test_the_configuration_says_where_each_value_comes_from(tap: Tap) -> None:
     assert (answer["values"], answer["from"]) == (SETUP.values, SETUP.origins)
 
 
-def test_after_a_reload_the_same_connection_says_hello_again(tap: Tap) -> None:
-    """With the new daemon's values."""
-    client = follow(tap)
-    tap.begin(dataclasses.replace(SETUP, source="recording:/take"))
-    assert client.next("hello")["camera"]["source"] == "recording:/take"
-
-
 # ---- Who reads slowly, or not at all
 
 
@@ -499,7 +492,7 @@ print(json.loads(f.readline()))
 @pytest.mark.parametrize("is_member", [False, True])
 def test_only_who_may_gives_commands(is_member: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another user who can connect may look; a member of the group, if only by a supplementary one, may command."""
-    monkeypatch.setattr("ledpi.tap.listening._gid", lambda name: 54321)
+    monkeypatch.setattr("ledpi.tap.crowd._gid", lambda name: 54321)
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
         path = Path(folder) / "tap.sock"

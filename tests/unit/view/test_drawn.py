@@ -18,9 +18,8 @@ from ledpi.tap.frames import not_read_of
 from ledpi.view.encode import amplified, as_jpeg, as_png, focus, histogram
 from ledpi.view.lines import check_line
 from ledpi.view.overlay import drawn, drawn_reasons
-from ledpi.view.panels import PanelTable
+from ledpi.view.panels import PanelTable, panels_from_above, robot_from_above
 from ledpi.view.server import _FILES
-from ledpi.view.top_down import panels_from_above, robot_from_above
 from tests.builders import ROOT
 from tests.builders.made_up_daemon import HELLO, PANEL, decoded
 

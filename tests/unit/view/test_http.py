@@ -652,16 +652,3 @@ def test_a_name_is_the_daemons_to_judge(site: Site, daemon: MadeUpDaemon, name: 
     assert answer.status == 503
     assert answer.json()["error"].startswith("take: no ")
     assert {request["name"] for request in daemon.asked("take")} == {unquote(name)}
-
-
-def test_recordings_need_the_token(site: Site, daemon: MadeUpDaemon) -> None:
-    """As all data do; nothing is asked of the daemon without it."""
-    for method, path in (
-        ("GET", "/api/takes"),
-        ("GET", f"/api/take.tar?name={TAKE}"),
-        ("POST", f"/api/take_delete?name={TAKE}"),
-    ):
-        assert site.ask(method, path, {}).status == 401
-        assert site.ask(method, path, {"Authorization": "Bearer wrong"}).status == 401
-    assert site.ask("GET", f"/api/take_delete?name={TAKE}").status == 405
-    assert [daemon.asked(do) for do in ("takes", "take", "take_delete")] == [[], [], []]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +14,9 @@ from hypothesis import strategies as st
 from ledpi.core.errors import WireError
 from ledpi.core.records import MarkerPose
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
-from ledpi.wire.codec import FrameError, decode, encode
-from ledpi.wire.message import fix_message, marker_message
-from tests.builders.wire import marker_pose, pose_at, robot_fix
+from ledpi.wire.codec import FrameError, decode, encode, number_after
+from ledpi.wire.message import marker_message
+from tests.builders.wire import marker_pose, pose_at
 
 STEP = 1e-4  # m or rad
 NOTHING_KNOWN = StatusMessage(state=State.UNKNOWN, no_fix=NoFix.UNKNOWN)
@@ -139,13 +140,9 @@ A_POSE = WirePose(
     "wrong",
     [
         {"position_m": (838.8608, 0.0, 0.0)},
-        {"position_m": (0.0, -838.8608, 0.0)},
-        {"position_m": (0.0, 0.0, 1e300)},
-        {"position_m": (math.nan, 0.0, 0.0)},
-        {"position_m": (0.0, math.inf, 0.0)},
+        {"position_m": (0.0, -838.8608, math.nan)},
         {"quaternion_wxyz": (0.0, 0.0, 0.0, 0.0)},
         {"quaternion_wxyz": (1.0, 0.1, 0.0, 0.0)},
-        {"quaternion_wxyz": (math.nan, 0.0, 0.0, 1.0)},
         {"deviation_m": (0.1, -0.1, 0.1)},
         {"deviation_rad": (math.nan, 0.1, 0.1)},
     ],
@@ -170,24 +167,19 @@ def test_the_two_quaternions_of_a_rotation_are_one_on_the_wire() -> None:
     assert fix.pose.quaternion_wxyz == pytest.approx(q, abs=1 / 32767)
 
 
-def test_a_pose_in_the_past_only() -> None:
-    """A negative age means that two clocks disagree."""
-    with pytest.raises(WireError, match="age_us must be 0 or more, not -1"):
-        FixMessage(age_us=-1, pose=A_POSE, panels_used=1)
-
-
-def test_a_larger_id_than_16_bits_is_refused() -> None:
-    """An ID that wraps is another panel."""
-    with pytest.raises(WireError, match="id must be 0 to 65535, not 65536"):
-        MarkerMessage(id=65536, age_us=0, pose=A_POSE)
-
-
-def test_flags_that_contradict_the_pose_are_refused() -> None:
-    """No intrinsics, no pose; no ambiguity, no alternate."""
-    with pytest.raises(WireError):
-        MarkerMessage(id=1, age_us=0, pose=A_POSE, uncalibrated=True)
-    with pytest.raises(WireError):
-        MarkerMessage(id=1, age_us=0, pose=A_POSE, alternate=True)
+@pytest.mark.parametrize(
+    ("build", "says"),
+    [
+        (lambda: FixMessage(age_us=-1, pose=A_POSE, panels_used=1), "age_us must be 0 or more, not -1"),  # two clocks
+        (lambda: MarkerMessage(id=65536, age_us=0, pose=A_POSE), "id must be 0 to 65535, not 65536"),  # would wrap
+        (lambda: MarkerMessage(id=1, age_us=0, pose=A_POSE, uncalibrated=True), None),  # no intrinsics, no pose
+        (lambda: MarkerMessage(id=1, age_us=0, pose=A_POSE, alternate=True), None),  # no ambiguity, no alternate
+    ],
+)
+def test_a_message_that_contradicts_itself_is_refused(build: Callable[[], Message], says: str | None) -> None:
+    """Where it is made: its age, its ID, its flags."""
+    with pytest.raises(WireError, match=says):
+        build()
 
 
 def test_what_only_grows_stops_at_its_limit() -> None:
@@ -229,8 +221,12 @@ def test_a_deviation_is_rounded_up_to_the_next_step(deviation: float, on_the_wir
 
 def test_states_of_a_newer_sender_read_as_unknown() -> None:
     """A new reason for "no fix" must not look like a broken line, and never like a fix."""
-    assert State(77) is State.UNKNOWN
-    assert NoFix(77) is NoFix.UNKNOWN
+    assert (State(77), NoFix(77)) == (State.UNKNOWN, NoFix.UNKNOWN)
+
+
+def test_the_numbers_go_from_65535_to_1() -> None:
+    """0 would tell the receiver that the sender began anew."""
+    assert [number_after(number) for number in (0, 65534, 65535)] == [1, 65535, 1]
 
 
 def test_a_marker_pose_becomes_a_message_with_its_deviations() -> None:
@@ -273,8 +269,3 @@ def test_an_ambiguous_marker_has_two_messages() -> None:
     assert (other.ambiguous, other.alternate) == (True, True)
     assert other.pose is not None
     assert other.pose.position_m == (-1.0, 0.0, 1.0)
-
-
-def test_a_fix_says_how_many_panels_it_rests_on() -> None:
-    """The IDs do not go on the wire, their number does."""
-    assert fix_message(robot_fix(0, panels_used=(3, 7, 9)), age_us=5).panels_used == 3

@@ -39,7 +39,7 @@ from ledpi.wire.resets import Resets
 from tests.builders import ROOT
 from tests.builders.daemon import SIMULATED, daemon, end
 from tests.builders.waiting import limit_s, wait_until
-from tests.builders.wire import decoded, decoded_now, marker_pose, robot_fix
+from tests.builders.wire import decoded, marker_pose, robot_fix
 
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # a panel that hangs upright and faces the camera
 
@@ -135,11 +135,6 @@ def test_an_id_that_does_not_fit_is_refused() -> None:
         codec().encode(marker_at(0, 0, 1, marker_id=256), 10_000_000)
 
 
-def test_an_uncalibrated_panel_is_not_sent() -> None:
-    """LANDING_TARGET has nothing to say of an ID alone."""
-    assert codec().encode(MarkerMessage(id=7, age_us=0, pose=None, uncalibrated=True), 10_000_000) is None
-
-
 @pytest.mark.parametrize(
     ("rpy_deg", "ned_rpy_deg"),
     [
@@ -227,27 +222,22 @@ def test_the_reset_counter_outlives_a_reload() -> None:
 
 
 @pytest.mark.parametrize(
-    ("state", "system_status"),
+    ("state", "no_fix", "system_status"),
     [
-        (State.STARTING, common.MAV_STATE_BOOT),
-        (State.RUNNING, common.MAV_STATE_ACTIVE),
-        (State.CAMERA_LOST, common.MAV_STATE_CRITICAL),
-        (State.STOPPING, common.MAV_STATE_POWEROFF),
+        (State.STARTING, NoFix.NO_PANEL, common.MAV_STATE_BOOT),
+        (State.RUNNING, NoFix.NO_PANEL, common.MAV_STATE_ACTIVE),
+        (State.RUNNING, NoFix.BEHIND, common.MAV_STATE_CRITICAL),  # no pose comes that could be used
+        (State.CAMERA_LOST, NoFix.NO_PANEL, common.MAV_STATE_CRITICAL),
+        (State.STOPPING, NoFix.NO_PANEL, common.MAV_STATE_POWEROFF),
     ],
 )
-def test_the_heartbeat_is_that_of_an_onboard_controller(state: State, system_status: int) -> None:
+def test_the_heartbeat_is_that_of_an_onboard_controller(state: State, no_fix: NoFix, system_status: int) -> None:
     """Part of the vehicle, no autopilot; it says how the daemon does."""
-    heartbeat = parse(codec().encode(StatusMessage(state=state, no_fix=NoFix.NO_PANEL), 0))
+    heartbeat = parse(codec().encode(StatusMessage(state=state, no_fix=no_fix), 0))
     assert heartbeat.get_type() == "HEARTBEAT"
     assert (heartbeat.type, heartbeat.autopilot) == (common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID)
     assert heartbeat.system_status == system_status
     assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (1, common.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)
-
-
-def test_a_decoder_that_is_behind_is_critical() -> None:
-    """No pose comes that could be used, although the camera is there."""
-    heartbeat = parse(codec().encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.BEHIND), 0))
-    assert heartbeat.system_status == common.MAV_STATE_CRITICAL
 
 
 def test_a_heartbeat_is_due_once_a_second() -> None:
@@ -310,10 +300,14 @@ def line(**settings: Any) -> Iterator[tuple[Autopilot, Publisher]]:
 
 
 def test_poses_arrive_over_the_line_with_the_fix_first() -> None:
-    """One frame with two panels and a fix, all of one picture's time on this machine's monotonic clock."""
+    """One frame with two panels and a fix, all of one picture's time on this machine's monotonic clock.
+
+    An ID that does not fit is counted, and the line goes on; the daemon's end is told.
+    """
     with line() as (autopilot, publisher):
         mid_ns = time.monotonic_ns() - 5_000_000
-        publisher.publish(decoded(marker_pose(3, mid_ns), marker_pose(9, mid_ns), robot=robot_fix(mid_ns, x=4.0)))
+        markers = (marker_pose(marker_id, mid_ns) for marker_id in (3, 256, 9))
+        publisher.publish(decoded(*markers, robot=robot_fix(mid_ns, x=4.0)))
         autopilot.read_until(lambda: len(autopilot.of("LANDING_TARGET")) == 2)
         poses = [message for message in autopilot.messages if message.get_type() not in ("HEARTBEAT", "BAD_DATA")]
         assert [message.get_type() for message in poses] == [
@@ -325,31 +319,7 @@ def test_poses_arrive_over_the_line_with_the_fix_first() -> None:
         assert poses[0].y == pytest.approx(4.0)
         times_us = [poses[0].usec, poses[1].time_usec, poses[2].time_usec]
         assert times_us == pytest.approx([mid_ns / 1000] * 3, abs=2)
-
-
-def test_a_stale_pose_is_not_sent() -> None:
-    """Older than max_age_ms; a fresh one after it arrives."""
-    with line() as (autopilot, publisher):
-        publisher.publish(decoded_now(7, fix=True, age_ms=150.0))
-        publisher.publish(decoded_now(8))
-        autopilot.read_until(lambda: bool(autopilot.of("LANDING_TARGET")))
-        assert [target.target_num for target in autopilot.of("LANDING_TARGET")] == [8]
-        assert autopilot.of("VISION_POSITION_ESTIMATE") == []
-        assert publisher.counters.stale == 2
-
-
-def test_an_id_that_does_not_fit_is_counted() -> None:
-    """And the line goes on."""
-    with line() as (autopilot, publisher):
-        publisher.publish(decoded_now(256, 8))
-        autopilot.read_until(lambda: bool(autopilot.of("LANDING_TARGET")))
-        assert [target.target_num for target in autopilot.of("LANDING_TARGET")] == [8]
         assert publisher.counters.refused == 1
-
-
-def test_the_last_heartbeat_says_power_off() -> None:
-    """The daemon's end is told, not found out."""
-    with line() as (autopilot, publisher):
         publisher.stop()
         autopilot.read_until(lambda: autopilot.of("HEARTBEAT")[-1].system_status == common.MAV_STATE_POWEROFF)
 

@@ -43,12 +43,14 @@ class FarEnd:
         self.messages: list[Message] = []
         self.arrived_ns: list[int] = []
 
-    def read(self, seconds: float) -> None:
-        """Takes in what comes, for at most that long."""
-        if select.select([self._master], [], [], seconds)[0]:
+    def read(self, seconds: float) -> bool:
+        """Takes in what comes, for at most that long, and tells whether anything did."""
+        comes = bool(select.select([self._master], [], [], seconds)[0])
+        if comes:
             for message in self.receiver.feed(os.read(self._master, 4096)):
                 self.messages.append(message)
                 self.arrived_ns.append(time.monotonic_ns())
+        return comes
 
     def read_until(self, condition: Callable[[], bool]) -> None:
         """Takes in what comes until the condition holds."""
@@ -110,19 +112,6 @@ def jam(publisher: Publisher, far_end: FarEnd) -> None:
 
 
 Start = Callable[..., Publisher]
-
-
-def test_poses_arrive_with_the_fix_first(far_end: FarEnd, start: Start) -> None:
-    """One frame with two panels and a fix: three packets, in the order of their importance."""
-    publisher = start(far_end.path)
-    far_end.read_until(lambda: len(far_end.messages) >= 1)
-    publisher.publish(decoded_now(3, 7, fix=True))
-    far_end.read_until(lambda: far_end.marker_ids() == [3, 7])
-    poses = [message for message in far_end.messages if not isinstance(message, StatusMessage)]
-    assert [type(message) for message in poses] == [FixMessage, MarkerMessage, MarkerMessage]
-    wait_until(lambda: publisher.counters.markers == 2)
-    counters = publisher.counters
-    assert (counters.fixes, counters.replaced, counters.stale) == (1, 0, 0)
 
 
 def test_the_age_runs_from_mid_exposure_to_the_first_byte(far_end: FarEnd, start: Start) -> None:
@@ -215,17 +204,6 @@ def test_what_was_on_the_line_before_costs_no_packet(far_end: FarEnd, start: Sta
     assert far_end.receiver.counters.bad == {"cobs": 1}
 
 
-def test_the_numbers_go_from_65535_to_1(far_end: FarEnd) -> None:
-    """0 would tell the receiver that the sender began anew."""
-    publisher = Publisher(SerialSettings(port=far_end.path))
-    publisher._sequence = 65534
-    publisher.start()
-    far_end.read_until(lambda: len(far_end.messages) >= 4)
-    publisher.stop()
-    counters = far_end.receiver.counters
-    assert (counters.lost, counters.restarts) == (0, 0)
-
-
 def test_an_absent_port_is_waited_for(far_end: FarEnd, start: Start, tmp_path: Path) -> None:
     """The daemon starts without it, says why, and sends when it is there: nothing old, everything new."""
     port = tmp_path / "controller"
@@ -245,13 +223,18 @@ def test_an_absent_port_is_waited_for(far_end: FarEnd, start: Start, tmp_path: P
 
 
 def test_a_lost_port_is_found_again(start: Start, tmp_path: Path) -> None:
-    """Unplugged while sending, plugged in under the same name: the numbers go on, nothing old is sent."""
+    """Unplugged while sending, plugged in under the same name: the numbers go on, nothing old is sent.
+
+    Who publishes just then, and meets the loss, goes on as if nothing had happened.
+    """
     port, first, second = tmp_path / "controller", FarEnd(), FarEnd()
     port.symlink_to(first.path)
     publisher = start(port)
     first.read_until(lambda: len(first.messages) >= 2)
     first.unplug()
+    publisher.publish(decoded_now(3))
     wait_until(lambda: not publisher.counters.connected)
+    assert (publisher.counters.markers, publisher.failure) == (0, None)
     assert publisher.counters.error is not None
     publisher.publish(decoded_now(7))
     port.unlink()
@@ -284,25 +267,15 @@ def test_a_pose_is_on_a_free_line_when_publish_returns(far_end: FarEnd, start: S
     publisher = start(far_end.path)
 
     def is_written_at_once() -> bool:
-        wait_until(lambda: publisher._lent is not None)
+        while far_end.read(0.03):
+            pass  # until the line is quiet
         before = publisher.counters.fixes
         publisher.publish(decoded_now(3, 7, fix=True))
         return publisher.counters.fixes > before
 
     # Its thread may have taken the line for a status just then.
-    assert any(is_written_at_once() for _ in range(10))
+    assert any(is_written_at_once() for _ in range(20))
     far_end.read_until(lambda: far_end.marker_ids()[-2:] == [3, 7])
-
-
-def test_a_port_lost_while_a_pose_is_written_is_the_publishers_to_open(far_end: FarEnd, start: Start) -> None:
-    """Decoding goes on as if nothing had happened."""
-    publisher = start(far_end.path)
-    wait_until(lambda: publisher._lent is not None)
-    far_end.unplug()
-    publisher.publish(decoded_now(3))
-    wait_until(lambda: not publisher.counters.connected)
-    assert publisher.counters.markers == 0
-    assert publisher.failure is None
 
 
 def test_a_write_never_waits(far_end: FarEnd) -> None:
@@ -318,40 +291,16 @@ def test_a_write_never_waits(far_end: FarEnd) -> None:
     line.close()
 
 
-def test_what_the_kernel_still_queues_is_waited_for(far_end: FarEnd) -> None:
-    """One packet at most waits there. (A pty's queue is always empty, so its length is given here.)"""
-
-    class Queueing(SerialLine):
-        queued = 40
-
-        def _queued_bytes(self) -> int:
-            return self.queued
-
-    line = Queueing(far_end.path, 9600)
+def test_what_the_kernel_still_queues_is_waited_for(far_end: FarEnd, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One packet at most waits there; it is asked once after each. (A pty's own queue is always empty.)"""
+    line, queued = SerialLine(far_end.path, 9600, clock=lambda: 0), iter([40, 0, 0])
+    monkeypatch.setattr("serial.Serial.out_waiting", property(lambda _: next(queued)))
     assert line.busy_ns(0) == pytest.approx(40 * 10 / 9600 * 1e9, abs=1)
-    Queueing.queued = 0
-    assert line.busy_ns(0) == 0
-    line.close()
-
-
-def test_the_kernel_is_asked_once_after_each_packet(far_end: FarEnd) -> None:
-    """Not again when a pose is there; but after every write, as that may queue."""
-
-    class Counting(SerialLine):
-        asked = 0
-
-        def _queued_bytes(self) -> int:
-            self.asked += 1
-            return 0
-
-    line = Counting(far_end.path, 115200, clock=lambda: 0)
     assert [line.busy_ns(0), line.busy_ns(0)] == [0, 0]
-    assert line.asked == 1
     line.write(bytes(40))
     assert line.busy_ns(0) > 0
-    assert line.busy_ns(10_000_000) == 0
-    assert line.busy_ns(20_000_000) == 0
-    assert line.asked == 3  # the bytes were still leaving at the first
+    assert next(queued, None) is None
+    monkeypatch.undo()
     line.close()
 
 
@@ -370,21 +319,13 @@ def test_stop_sends_a_last_status(far_end: FarEnd, start: Start) -> None:
     assert not publisher.counters.connected
 
 
-def test_stop_ends_without_a_port(start: Start, tmp_path: Path) -> None:
-    """In the middle of a back-off; a second stop, or one without a start, is harmless."""
-    publisher = start(tmp_path / "nothing")
-    wait_until(lambda: publisher.counters.error is not None)
-    publisher.stop()
-    assert publisher_threads() == []
-    publisher.stop()
-    Publisher(SerialSettings(port="nothing")).stop()
-
-
-def test_stop_ends_when_the_receiver_does_not_read(far_end: FarEnd, start: Start) -> None:
-    """The last status has no room; the thread ends all the same."""
-    publisher = start(far_end.path, baud=4_000_000)
-    jam(publisher, far_end)
-    publisher.stop()
+def test_stop_ends_in_any_state(far_end: FarEnd, start: Start, tmp_path: Path) -> None:
+    """In the middle of a back-off, never started, stopped before; with a last status that has no room."""
+    waiting, jammed = start(tmp_path / "nothing"), start(far_end.path, baud=4_000_000)
+    wait_until(lambda: waiting.counters.error is not None)
+    jam(jammed, far_end)
+    for publisher in (waiting, waiting, jammed, Publisher(SerialSettings(port="nothing"))):
+        publisher.stop()
     assert publisher_threads() == []
 
 
@@ -491,7 +432,7 @@ def test_who_else_has_it_open_is_named_once(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("octets", [b"AT\r\n", bytes(range(1, 50)), b"\0", b"\x05\x01\x01"])
+@pytest.mark.parametrize("octets", [b"AT\r\n", b"\0"])
 def test_foreign_bytes_cost_no_packet(far_end: FarEnd, start: Start, octets: bytes) -> None:
     """A zero is on either side of each frame: what another program writes in between is a bad frame of its own."""
     with another_program(WRITES.format(octets=list(octets)), far_end.path):
@@ -514,11 +455,4 @@ def test_without_a_port_nothing_is_opened_or_kept() -> None:
     publisher.start()
     publisher.publish(decoded_now(7))
     publisher.stop()
-    counters = publisher.counters
-    assert (counters.port, counters.connected, counters.opened, counters.sent, counters.unsent) == (
-        None,
-        False,
-        0,
-        0,
-        0,
-    )
+    assert (publisher.counters.opened, publisher.counters.sent, publisher.counters.unsent) == (0, 0, 0)

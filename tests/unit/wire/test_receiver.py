@@ -5,6 +5,8 @@ from __future__ import annotations
 import random
 import tracemalloc
 
+import pytest
+
 from ledpi.wire import NoFix, Receiver, State, StatusMessage
 from ledpi.wire.codec import encode
 
@@ -18,28 +20,20 @@ def receiver_of(*sequences: int) -> Receiver:
     return receiver
 
 
-def test_missing_numbers_are_lost_packets() -> None:
-    """5, 6, then 10: three are missing."""
-    assert receiver_of(5, 6, 10).counters.lost == 3
-
-
-def test_joining_in_the_middle_loses_nothing() -> None:
-    """The first number that is heard is where counting begins."""
-    assert receiver_of(4711, 4712).counters.lost == 0
-
-
-def test_after_65535_comes_1() -> None:
-    """0 is kept for the first packet after a start."""
-    counters = receiver_of(65534, 65535, 1, 2, 4).counters
-    assert (counters.lost, counters.restarts) == (1, 0)
-
-
-def test_a_sender_that_begins_anew_loses_nothing() -> None:
-    """Number 0, or, where that one was not heard, a step back."""
-    counters = receiver_of(900, 0, 1, 2).counters
-    assert (counters.lost, counters.restarts) == (0, 1)
-    counters = receiver_of(900, 3, 4, 6).counters
-    assert (counters.lost, counters.restarts) == (1, 1)
+@pytest.mark.parametrize(
+    ("sequences", "lost", "restarts"),
+    [
+        ((5, 6, 10), 3, 0),
+        ((4711, 4712), 0, 0),  # joined in the middle: the first number that is heard is where counting begins
+        ((65534, 65535, 1, 2, 4), 1, 0),  # 0 is kept for the first packet after a start
+        ((900, 0, 1, 2), 0, 1),
+        ((900, 3, 4, 6), 1, 1),  # a step back, where number 0 was not heard
+    ],
+)
+def test_missing_numbers_are_lost_packets(sequences: tuple[int, ...], lost: int, restarts: int) -> None:
+    """A sender that begins anew has lost nothing."""
+    counters = receiver_of(*sequences).counters
+    assert (counters.lost, counters.restarts) == (lost, restarts)
 
 
 def test_a_bad_packet_is_bad_and_lost() -> None:

@@ -17,7 +17,7 @@ from ledpi.core.records import Frame, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import load_recording
-from ledpi.tools.calibrate.band_search import PanelLight
+from ledpi.tools.calibrate.bands import PanelLight
 from ledpi.tools.calibrate.panel import PanelCalibration, advice, measure_panel
 from ledpi.tools.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
 from ledpi.tools.calibrate.still_panels import panel_light, steady_seconds

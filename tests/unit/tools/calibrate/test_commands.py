@@ -21,7 +21,7 @@ from ledpi.config.settings import load_config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import Frame, Intrinsics, Pixels
 from ledpi.simulate.scenes import still_scene
-from ledpi.tools.calibrate.config_file import change_config, changed_yaml
+from ledpi.tools.calibrate.files import change_config, changed_yaml
 from ledpi.tools.calibrate.taking import settle_gain
 from tests.builders.command import Run as Command
 from tests.builders.command import in_process

@@ -12,11 +12,10 @@ import pytest
 
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_yaml
-from ledpi.tools.calibrate.config_file import change_config
-from ledpi.tools.calibrate.files import write_keeping_old
+from ledpi.tools.calibrate.files import change_config, write_keeping_old
 
 WRITER = """
-import sys; from pathlib import Path; from ledpi.tools.calibrate.config_file import change_config
+import sys; from pathlib import Path; from ledpi.tools.calibrate.files import change_config
 for number in range(int(sys.argv[2])):
     change_config(Path("config.yaml"), {("panels", "overrides", int(sys.argv[1]), f"key_{number}"): number})
     print(number, flush=True)

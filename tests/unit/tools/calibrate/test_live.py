@@ -16,7 +16,7 @@ from ledpi.core.records import CameraInfo, Frame, Pixels
 from ledpi.recording.reader import load_recording
 from ledpi.tools.calibrate.camera import calibrate_camera
 from ledpi.tools.calibrate.collecting import ENOUGH_VIEWS, Collection, attitude_of, next_exposure
-from ledpi.tools.calibrate.live_board import OpenAt, collect_views
+from ledpi.tools.calibrate.taking import OpenAt, collect_views
 from tests.builders.boards import BOARD, CHARUCO, POSES, Pose, charuco_pictures, projected, rendered
 
 EMPTY = np.full((480, 640), 90, np.uint8)

@@ -20,10 +20,9 @@ from ledpi.diagnosis.diagnose import Note
 from ledpi.diagnosis.why_not import Why
 from ledpi.simulate.scenes import ov5647_lens
 from ledpi.tools.doctor import camera, checks, machine
+from ledpi.tools.doctor.camera import findings_of, look
 from ledpi.tools.doctor.checks import configuration, examine
-from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
-from ledpi.tools.doctor.in_view import findings_of, look
-from ledpi.tools.doctor.page import line, verdict
+from ledpi.tools.doctor.finding import Finding, bad, line, ok, unknown, verdict
 from tests.builders import DEADLINE_S, ROOT
 from tests.builders.faults import FAULTS, RIGHT, camera_of, config_of
 

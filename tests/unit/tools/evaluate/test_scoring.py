@@ -11,8 +11,7 @@ import pytest
 
 from ledpi.core.records import Floats, Pose, Rejected
 from ledpi.pipeline.trace import Dropped
-from ledpi.tools.evaluate.reading import Found, Read
-from ledpi.tools.evaluate.scoring import NOTHING_THERE, Expected, Tally
+from ledpi.tools.evaluate.scoring import NOTHING_THERE, Expected, Found, Read, Tally
 from ledpi.tools.evaluate.table import COLUMNS, TableRow, table_row, wilson, write_csv
 
 SQUARE = np.array([[100.0, 50.0], [140.0, 50.0], [140.0, 90.0], [100.0, 90.0]])  # 40 px, clockwise

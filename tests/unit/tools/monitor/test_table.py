@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ledpi.diagnosis.diagnose import Diagnosis, Kind, Note
 from ledpi.diagnosis.why_not import Why
-from ledpi.tools.monitor.table import MOST_REASONS, Live
+from ledpi.tools.monitor import MOST_REASONS, Live
 from tests.builders.made_up_daemon import HEALTH, HELLO
 
 CORNERS = np.array([[100.0, 50], [140, 50], [140, 90], [100, 90]])

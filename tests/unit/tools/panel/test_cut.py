@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.cut import back_dxf, front_dxf, walls_dxf, walls_stl
+from ledpi.tools.panel.body import Body, back_dxf, front_dxf, walls_dxf, walls_stl
 
 ezdxf = pytest.importorskip("ezdxf")
 

@@ -25,7 +25,6 @@ from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, Simulat
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.trajectory import Still, facing_camera
 from ledpi.simulate.truth import scene_truth
-from ledpi.tools.panel.chances import chance_of_reading
 from ledpi.tools.panel.design import (
     ENOUGH_NATS,
     Proposal,
@@ -41,7 +40,7 @@ from ledpi.tools.panel.design import (
 from ledpi.tools.panel.design_plots import contrast_figure, reach_figure
 from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
 from ledpi.tools.panel.information import View, evidence_of, separation_nats, view_panel
-from ledpi.tools.panel.reach import Reach, reach_of
+from ledpi.tools.panel.reach import Reach, chance_of_reading, reach_of
 from ledpi.tools.panel.verdict import findings
 from tests.builders import ROOT
 from tests.builders.samples import observed

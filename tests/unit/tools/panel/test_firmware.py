@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from ledpi.cli import app, main, panel_firmware
+from ledpi.cli import app, main, panel
 from ledpi.core.errors import LedpiError
 from ledpi.core.records import PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
@@ -17,7 +17,7 @@ from ledpi.tools.panel.firmware import Build, missing_tools, plan_firmware, sett
 from tests.builders import ROOT
 
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-assert panel_firmware, main  # the import puts the command into `app`
+assert panel, main  # the import puts the command into `app`
 
 
 @pytest.fixture(autouse=True)

@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from ledpi.cli import app, main, panel_design, panel_sheet
+from ledpi.cli import app, main, panel, panel_design
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.panel.body import Body
+from ledpi.tools.panel.circuit import plan_pins
 from ledpi.tools.panel.paper import Page
-from ledpi.tools.panel.pins import plan_pins
 from ledpi.tools.panel.sheet import Sheet, sheet_pages
 from ledpi.tools.panel.sheet_pins import pin_electrics, pin_parts
 
-assert panel_design, panel_sheet
+assert panel_design, panel
 assert main  # the imports put the commands into `app`
 FRONT = ["D2 D3 D4 D5", "D6 D7 D8 D9", "D10 D11 D12 D13", "A0 A1 A2 A3"]
 

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.axes import Axes
 from typer.testing import CliRunner
 
-from ledpi.cli import app, main, panel_sheet
+from ledpi.cli import app, main, panel
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
@@ -21,7 +21,7 @@ from ledpi.tools.panel.circuit import Circuit, Lamps, next_e24, plan_circuit
 from ledpi.tools.panel.paper import Page, write_pdf
 from ledpi.tools.panel.sheet import Sheet, sheet_pages
 
-assert panel_sheet, main  # the import puts the command into `app`
+assert panel, main  # the import puts the command into `app`
 POINTS_PER_MM = 72 / 25.4
 WORD_7 = ["WWBB", "BWBB", "WWWW", "BBWB"]  # of DICT_4X4_50: 1100 / 0100 / 1111 / 0010
 

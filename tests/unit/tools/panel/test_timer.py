@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ledpi.tools.panel.timer import half_period
+from ledpi.tools.panel.frequencies import half_period
 
 
 @pytest.mark.parametrize(

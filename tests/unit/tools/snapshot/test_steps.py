@@ -21,8 +21,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.writer import RecordingWriter
 from ledpi.tools.snapshot.page import BORDER, PICTURES_TOP, WIDTH
 from ledpi.tools.snapshot.record import Snapshot, take
-from ledpi.tools.snapshot.steps import CAPTION, TITLE, draw_steps
-from ledpi.tools.snapshot.tiles import GAP, View, tile_width, view_of
+from ledpi.tools.snapshot.steps import CAPTION, GAP, TITLE, View, draw_steps, tile_width, view_of
 from tests.builders.command import Run, in_process
 from tests.builders.decode import (
     PINHOLE,

@@ -1,1 +1,0 @@
-"""The display of `ledpi monitor` for a running daemon."""
