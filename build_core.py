@@ -11,7 +11,7 @@ from pathlib import Path
 from cffi import FFI
 
 # C stands beside the Python of its stage; what all share is in kernels. As library.py has them.
-FOLDERS = ("kernels", "pose", "decode/evidence", "decode/finding", "decode/identify", "decode/model")
+FOLDERS = ("kernels", "pose", "decode/finding", "decode/identify", "decode/model")
 ROOMS = [Path("ledpi") / folder for folder in FOLDERS]  # setuptools runs it in the project's root
 SOURCES, HEADERS = ([path for room in ROOMS for path in sorted(room.glob(ending))] for ending in ("*.c", "*.h"))
 # Compiled in, so that a core that is older than the sources beside it is told (library.py).

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from ledpi.simulate.scene import OV5647_ROW_TIME_US, TracedWave
+from evaluation.simulated import TracedWave
+from ledpi.simulate.scene import OV5647_ROW_TIME_US
 from ledpi.simulate.scenes import whole_rows_us
 from ledpi.tools.panel.firmware import Build
 from tests.builders.panel import program, record_panel, wired_pins

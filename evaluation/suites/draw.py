@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.simulated import BuiltAppearance, Ripple
 from evaluation.suites.conditions import Condition, Variation
 from evaluation.suites.decoys import decoys
 from evaluation.suites.placing import place_in_view
@@ -25,15 +26,7 @@ from ledpi.core import shutter
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Floats, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import (
-    OV5647_ROW_TIME_US,
-    Panel,
-    PanelAppearance,
-    Ripple,
-    Room,
-    Scene,
-    SimulatedSensor,
-)
+from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Gliding, Still, Trajectory
 from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE
 
@@ -180,8 +173,8 @@ def _shuffled_ids(panels: PanelSettings, place: np.random.Generator) -> NDArray[
     return order[np.isin(order, drawable_ids(panels))]
 
 
-def _appearance(variation: Variation) -> PanelAppearance:
-    appearance = PanelAppearance(
+def _appearance(variation: Variation) -> BuiltAppearance:
+    appearance = BuiltAppearance(
         gap=variation.gap,
         equal_cells=variation.equal_cells,
         hot_spot=variation.hot_spot,

@@ -10,12 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from evaluation.simulated import Ripple
 from evaluation.suites.conditions import Variation
 from evaluation.suites.decoys import lamp
 from evaluation.suites.placing import Placer
 from ledpi.core.geometry import transform
 from ledpi.core.records import Floats
-from ledpi.simulate.scene import Light, Panel, Print, Ripple, SimulatedSensor
+from ledpi.simulate.scene import Light, Panel, Print, SimulatedSensor
 from ledpi.simulate.trajectory import Still
 
 # A page behind a panel: spots across it, its width in the panel's sides, the share of ink, levels of paper and ink.

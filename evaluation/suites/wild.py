@@ -6,6 +6,7 @@ import zlib
 
 import numpy as np
 
+from evaluation.simulated import BuiltAppearance, GlossyFloor
 from evaluation.suites.draw import Take, brightness_of, drawable_ids
 from evaluation.suites.placing import place_in_view
 from evaluation.suites.surroundings import rectangle
@@ -13,7 +14,7 @@ from evaluation.suites.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Floats, Intrinsics, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import Floor, Light, Panel, PanelAppearance, Print, Room, Scene, SimulatedSensor
+from ledpi.simulate.scene import Light, Panel, Print, Room, Scene, SimulatedSensor
 from ledpi.simulate.scenes import whole_rows_us
 from ledpi.simulate.trajectory import Still
 
@@ -117,10 +118,10 @@ def _gains(values: dict[str, float], n: int, rng: np.random.Generator) -> Floats
     return gains
 
 
-def _appearance(values: dict[str, float]) -> PanelAppearance:
+def _appearance(values: dict[str, float]) -> BuiltAppearance:
     leds = 1 if values["leds"] < 0.5 else 2 if values["leds"] < 0.75 else 3
     equal = values["equal_cells"] >= 0.75
-    return PanelAppearance(
+    return BuiltAppearance(
         gap=values["gap"] / 2.0 if equal else values["gap"],
         equal_cells=equal,
         bezel=max(0.0, values["bezel"]),
@@ -171,11 +172,11 @@ def _hiding(values: dict[str, float], panel: Panel, rng: np.random.Generator) ->
     return (rectangle(panel, turn, (0.0, 0.5 * side_m), size_m, depth=0.8, level=values["hidden_level"]),)
 
 
-def _floor(values: dict[str, float], pose: Floats, side_m: float) -> Floor | None:
+def _floor(values: dict[str, float], pose: Floats, side_m: float) -> GlossyFloor | None:
     """Below the panel's lowest corner, and below the camera."""
     if values["floor"] <= 0:
         return None
     half = side_m / 2.0
     corners_m = half * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
     lowest_m = float((corners_m @ pose[1, :3]).max() + pose[1, 3])
-    return Floor(y_m=max(lowest_m + values["floor_below"] * side_m, 0.05), reflectance=values["floor"])
+    return GlossyFloor(y_m=max(lowest_m + values["floor_below"] * side_m, 0.05), reflectance=values["floor"])

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import cv2
 import numpy as np
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from ledpi.bags.bounds import libraries_silent
 from ledpi.config.camera_yaml import lens_of_form
 from ledpi.config.lens_forms import lens_form
 from ledpi.config.values import MAX_SIDE_PX, Finite, SidePx
@@ -17,13 +21,14 @@ from ledpi.core.errors import CalibrationError, RecordingError
 from ledpi.core.records import Intrinsics, Pixels
 from ledpi.core.wording import shortened_name
 
+MAX_BYTES = 1 << 28  # beyond what the process has: the largest picture in colour, four times
+
 IMAGE = "/camera/image_raw/compressed"
 CAMERA_INFO = "/camera/camera_info"
 # std_msgs/String: a line of frames.jsonl, of truth.jsonl, and what the tap tells of each frame.
 FRAME, TRUTH, DECODED = "/ledpi/frame", "/ledpi/truth", "/ledpi/decoded"
 METADATA = "ledpi.recording"  # the bag's metadata of this name holds recording.yaml, and a dictionary's file
 CAMERA_FRAME = "camera_optical_frame"
-
 # Encodings of ROS's camera drivers: bytes a pixel, and where the luma is in them.
 _IN_PLACE = {
     "mono8": (1, 0),
@@ -45,8 +50,37 @@ _MIXED = {
     "rgba8": cv2.COLOR_RGBA2GRAY,
 }
 ENCODINGS = "mono8, mono16, bgr8, rgb8, yuv422, yuv422_yuy2, nv12 or nv21"
-
 Model = TypeVar("Model", bound=BaseModel)
+
+
+@contextmanager
+def memory_bounded(path: Path) -> Iterator[None]:
+    """Lets the process take no more, and raises RecordingError where it wants to."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    has = 1024 * int(Path("/proc/self/status").read_text(encoding="ascii").split("VmData:")[1].split()[0])
+    limits = [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_DATA, (min([has + MAX_BYTES, *limits]), hard))
+    try:
+        yield
+    except MemoryError:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the words of the error, too, take some
+        most = f"{MAX_BYTES >> 20} MB"
+        raise RecordingError(f"{path}: would take more than {most} of memory to read; must be smaller") from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+@contextmanager
+def libraries_silent() -> Iterator[None]:
+    """Lets nothing through of what OpenCV, libpng or libjpeg print of a damaged file: ledpi says it, in one line."""
+    errors, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 2)
+        yield
+    finally:
+        os.dup2(errors, 2)
+        os.close(errors)
+        os.close(nothing)
 
 
 def _bytes(data: Any) -> Any:

@@ -11,8 +11,7 @@ from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
-from ledpi.bags.bounds import memory_bounded
-from ledpi.bags.contents import METADATA
+from ledpi.bags.contents import METADATA, memory_bounded
 from ledpi.bags.own import restore_recording
 from ledpi.bags.pictures import Picture, pictures_of_bag, pictures_of_video
 from ledpi.bags.reading import Warn, messages

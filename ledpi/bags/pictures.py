@@ -10,8 +10,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ledpi.bags.bounds import libraries_silent
-from ledpi.bags.contents import Compressed, Image, Info, checked, lens_of_info, luma_of_compressed, luma_of_image
+from ledpi.bags.contents import (
+    Compressed,
+    Image,
+    Info,
+    checked,
+    lens_of_info,
+    libraries_silent,
+    luma_of_compressed,
+    luma_of_image,
+)
 from ledpi.bags.reading import Item
 from ledpi.config.values import MAX_SIDE_PX
 from ledpi.core.errors import RecordingError

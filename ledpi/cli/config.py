@@ -19,8 +19,7 @@ from ledpi.core.mounts import lost_at_reboot
 from ledpi.core.wording import counted
 from ledpi.runtime.reporting import log_to_standard_error
 from ledpi.tools.calibrate.files import changed_yaml, write_keeping_old
-from ledpi.tools.edit_helper import passed_socket, serve_edits
-from ledpi.tools.editing import set_keys
+from ledpi.tools.editing import passed_socket, serve_edits, set_keys
 
 SERVICE_FILE = Path("/etc/ledpi/config.yaml")
 

@@ -15,8 +15,7 @@ from ledpi.core.errors import ConfigError, RecordingError, TapError
 from ledpi.core.files import not_written, put_in_place, read_bytes, write_beside
 from ledpi.core.records import CameraInfo, Intrinsics, Pixels
 from ledpi.recording.overrides import camera_with
-from ledpi.recording.picture import MAX_BYTES
-from ledpi.recording.picture_text import text_of
+from ledpi.recording.picture import MAX_BYTES, text_of
 from ledpi.recording.still import still_camera
 from ledpi.tap.frames import camera_of, settings_of
 

@@ -1,6 +1,6 @@
 """markers.yaml: where each panel hangs in the map, as a person measures it or `ledpi calibrate map` writes it.
 
-docs/map.md is the format's description.
+docs/map.md is the format's description. WPILib's field layout is read and written, Limelight's field map is read.
 """
 
 from __future__ import annotations

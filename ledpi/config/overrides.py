@@ -1,4 +1,4 @@
-"""`--set KEY=VALUE`: one value of the configuration, given on the command line."""
+"""`--set KEY=VALUE`: one value of the configuration, given on the command line; and names of an earlier version."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ledpi.core.files import parse_yaml
 from ledpi.core.wording import one_line, shortened, shortened_name
 
 Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
+# Decoding methods that are still read, with a note on standard error.
 METHODS = {"soft": "likelihood", "bands": "uemura"}
 
 

@@ -47,7 +47,6 @@ class History(NamedTuple):
     frames_in_state: int = 0  # with the one that led to it, or since the last one that was read
     last: Identity | None = None  # what they were read as
     search: FrequencySearch = FrequencySearch()
-    alone: bool = False  # the newest was read by itself, in deep bands, and added nothing to those before
 
     @classmethod
     def empty(cls, specs: Sequence[PanelSpec]) -> History:
@@ -84,11 +83,6 @@ class History(NamedTuple):
         further, added = zip(*(memory.add_frame(seen, weigher, thinly=thinly) for memory in self.memories), strict=True)
         search = self.search.add_frame(seen) if searched else self.search
         return self._replace(memories=further, search=search), list(added)
-
-    def begin_again(self, seen: Observation, *, searched: bool) -> History:
-        """With this frame alone, which decides by itself; `searched` as above."""
-        memories = tuple(PanelMemory(memory.spec).begin(seen) for memory in self.memories)
-        return self._replace(memories=memories, search=self.search.add_frame(seen) if searched else self.search)
 
     def enter(self, state: State, identity: Identity | None = None) -> History:
         """One frame later, in this state, where the panel was read once more as `identity` or not."""

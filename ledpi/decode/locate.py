@@ -9,7 +9,7 @@ import numpy as np
 from ledpi.core.geometry import box, corners_apart, project_to_quad, quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.decode.evidence.cells import MIN_CELL_PX, Lattice, sample_cells
-from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, band_prior, dimmest, is_deep_anywhere
+from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, dimmest
 from ledpi.decode.finding.find import Glancer
 from ledpi.decode.finding.glance import template
 from ledpi.decode.finding.pyramid import Pyramid
@@ -193,7 +193,7 @@ class Locator:
     def observe(
         self, frame: Frame, quad: Quad, *, sampled: bool = False, like: Lattice | None = None
     ) -> Observation | Rejected:
-        """A panel that was fitted here, as this frame shows it. `sampled`: its cells, too, where bands are not deep.
+        """A panel that was fitted here, as this frame shows it. `sampled`: its cells, too.
 
         These on the lattice `like`, where the panel's size still suits it.
         """
@@ -206,7 +206,7 @@ class Locator:
         if window is None:
             return NO_LIGHT
         samples = None
-        if sampled or any(is_deep_anywhere(band_prior(frame, spec)) for spec in self._specs):
+        if sampled:
             found = sample_cells(frame, quad, self._cells, self._intrinsics, like)
             if isinstance(found, Rejected):
                 return found

@@ -16,4 +16,4 @@ class Observation(NamedTuple):
     window: Window  # the light on the panel and around
     lattice_px: Floats  # (4, 2) corners of the lattice of its cells
     unknown: Floats  # what its picture was fitted with, as `decode.model.prior` has it
-    samples: CellSamples | None = None  # of its cells, where bands are deep or frequencies are searched for
+    samples: CellSamples | None = None  # of its cells, where frequencies are searched for

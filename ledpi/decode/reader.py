@@ -14,7 +14,6 @@ from ledpi.core.records import PanelSpec, Rejected
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.history import History, Identity
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
@@ -42,9 +41,6 @@ ADDS_UP_FRAMES = 4
 TYPICAL_SHARE, UNLIKE = 0.5, 0.25
 INNOVATION = Rejected(stage="track", reason="innovation")
 
-# No further frame can change these: this is no panel, or not at this place.
-NOT_THIS_PANEL = (decision.INCONSISTENT, decision.IMPLAUSIBLE)
-
 
 class Outcome(NamedTuple):
     """The result of one frame."""
@@ -70,24 +66,8 @@ class Reader:
         self._search_frequencies = search_frequencies
 
     def read(self, before: History, seen: Observation) -> Outcome:
-        """The codeword after this frame, or the reason why there is none.
-
-        Where bands are deep, what was read by itself, as it added nothing to the frames before, is followed by frames
-        that are read by themselves: they are compared only where they show no codeword.
-        """
-        if before.alone:
-            begun = before.begin_again(seen, searched=self._search_frequencies)
-            outcome = self._answer(before, begun, Event.ADDS_NOTHING)
-            if isinstance(outcome.identity, Identity):
-                return outcome._replace(history=outcome.history._replace(alone=True))
-        outcome = self._answer(before, *self._add_frame(before, seen))
-        found, alone = outcome.identity, False
-        if isinstance(found, Identity) and outcome.event is Event.ADDS_NOTHING:
-            alone = is_deep(band_prior(seen.frame, outcome.history.memories[found.group].spec))
-        return outcome._replace(history=outcome.history._replace(alone=alone))
-
-    def _answer(self, before: History, now: History, event: Event) -> Outcome:
-        """The codeword that is in these frames, by what the newest of them was found to show."""
+        """The codeword after this frame, or the reason why there is none."""
+        now, event = self._add_frame(before, seen)
         rule = rule_of(before.state, event, before.frames_in_state)
         if not rule.asks and before.last is not None:
             return Outcome(history=now.enter(before.state), identity=before.last, event=event)
@@ -122,8 +102,7 @@ class Reader:
             usual = last.reading.likelihood / before.memories[last.group].frames_of(memory.mean.each)
             like = innovation.expected / usual
             if like > TYPICAL_SHARE and not innovation.prefers_others:
-                is_decided_alone = is_deep(band_prior(seen.frame, memory.spec))
-                return now, Event.MATCHES if not is_decided_alone and innovation.confirms else Event.ADDS
+                return now, Event.MATCHES if innovation.confirms else Event.ADDS
         alone = memory.newest_evidence(self._weigher)
         fails = not confirms(alone, shown) if like < UNLIKE else contradicts(alone, shown)
         return now, Event.ADDS_NOTHING if fails else Event.ADDS
@@ -171,23 +150,13 @@ class Reader:
     def _read_memory(self, memory: PanelMemory, group: int, rate: float) -> Reading | Rejected:
         book = self._codebooks[group]
         book = book if memory.spec is book.spec else replace(book, spec=memory.spec)
-        alone = self._read_newest(memory, book, rate)
-        if alone is not None:
-            return alone
+        if memory.frames == 1:
+            reading = read_frame(memory.newest, book, self._weigher, rate)
+            if isinstance(reading, Reading):
+                return reading._replace(cell_bands=memory.count_from_origin(reading.cell_bands))
+            return reading
         evidence = memory.evidence(self._weigher)
         return evidence if isinstance(evidence, Rejected) else decision.decide(evidence, book, rate)
-
-    def _read_newest(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
-        """The reading of the newest frame alone; None if all frames together must decide.
-
-        A single frame of deep bands is decisive: it has a codeword, or it shows that something is wrong.
-        """
-        if memory.frames > 1 and not is_deep(band_prior(memory.newest.frame, book.spec)):
-            return None
-        reading = read_frame(memory.newest, book, self._weigher, rate)
-        if isinstance(reading, Reading):
-            return reading._replace(cell_bands=memory.count_from_origin(reading.cell_bands))
-        return reading if memory.frames == 1 or reading in NOT_THIS_PANEL else None
 
     def _search_frequencies_of(self, history: History, *, must_confirm: bool) -> History | None:
         """The history at other frequencies, at which its frames add up to a codeword; None if there are none.

@@ -26,7 +26,7 @@ class Event(Enum):
 
     ADDS = "the frame may show the ID, or none was read yet"
     MATCHES = "the frame clearly shows the ID"
-    ADDS_NOTHING = "the frame fails the innovation gate, or is not compared, as frames like it were read by themselves"
+    ADDS_NOTHING = "the frame fails the innovation gate"
     CONTRADICTS = "the frame shows something else"
     CODEWORD = "a question has led to an ID"
     ROUGHLY = "a question has led to an ID, at frequencies that are from few frames"

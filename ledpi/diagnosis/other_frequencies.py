@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
-from ledpi.decode.evidence.cells import CellSamples, sample_cells
-from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected
+from ledpi.decode.evidence.light import LightWeigher
+from ledpi.decode.locate import Locator
+from ledpi.decode.observation import Observation
 from ledpi.markers.codewords import Dictionary
 
 # Below, bands are higher than most panels; above, next to nothing is left of them at most exposures. A step is 1.6 %,
@@ -35,9 +36,8 @@ def propose(
     frame: Frame, corners_px: Floats, dictionary: Dictionary, lens: Intrinsics | None
 ) -> tuple[float, float] | None:
     """Black's and white's likeliest frequency, of the cells within corners (4, 2); None where cells cannot be had."""
-    quad = Quad(corners_px=corners_px)
-    samples = sample_cells(frame, quad, dictionary.cells_per_side, lens)
-    waves = None if isinstance(samples, Rejected) else _weighed(samples, frame)
+    seen = _fitted(frame, corners_px, dictionary.cells_per_side, lens)
+    waves = None if isinstance(seen, Rejected) else _weighed(seen, LightWeigher(dictionary.cells_per_side, lens))
     if waves is None:
         return None
     white = dictionary.rotated_codewords().reshape(4 * len(dictionary.codewords), -1).astype(np.float64)
@@ -48,15 +48,25 @@ def propose(
     return float(waves.hz[black]), float(waves.hz[other])
 
 
-def _weighed(samples: CellSamples, frame: Frame) -> Waves | None:
+def _fitted(frame: Frame, corners_px: Floats, cells: int, lens: Intrinsics | None) -> Observation | Rejected:
+    """The panel there, fitted without its bands' frequencies being known."""
+    locator = Locator(cells, (_spec(LOWEST_HZ, HIGHEST_HZ),), lens, must_blink=False)
+    quad = locator.localise(frame, corners_px)
+    return quad if isinstance(quad, Rejected) else locator.observe(frame, quad)
+
+
+def _spec(black_hz: float, white_hz: float) -> PanelSpec:
+    return PanelSpec(side_m=1.0, black_hz=black_hz, white_hz=white_hz)
+
+
+def _weighed(seen: Observation, weigher: LightWeigher) -> Waves | None:
     hz = np.geomspace(LOWEST_HZ, HIGHEST_HZ, STEPS)
-    cells, half = len(samples.light), STEPS // 2
+    cells, half = weigher.cells**2, STEPS // 2
     score, information = np.empty((STEPS, cells, 2)), np.empty((STEPS, cells, 2, cells, 2))
     prior = np.empty(STEPS)
     for one in range(half):  # two at a time
-        spec = PanelSpec(side_m=1.0, black_hz=float(hz[one]), white_hz=float(hz[one + half]))
-        evidence = single_evidence(samples, frame, spec)
-        if isinstance(evidence, Rejected):
+        evidence = weigher.alone(seen, _spec(float(hz[one]), float(hz[one + half])))
+        if evidence is None:
             return None
         for at, two in ((one, slice(0, 2)), (one + half, slice(2, 4))):
             score[at], prior[at] = evidence.score[:, two], evidence.prior[two][0]

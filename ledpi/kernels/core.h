@@ -10,21 +10,6 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* ---- The light of a panel's cells (cells.c) */
-
-enum { LEDPI_NONE_SATURATED, LEDPI_SOME_SATURATED, LEDPI_OUTSIDE, LEDPI_NOT_SAMPLED };
-
-int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                       const double *corners, const double *lens, ptrdiff_t cells, ptrdiff_t k, const float *along,
-                       const float *kernel, ptrdiff_t steps, float *light, float *picture_rows, double *least);
-
-/* ---- Evidence (single_frame.c) */
-
-bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
-                           const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,
-                           const int64_t *first, const int64_t *met, const float *shown, const float *of_class,
-                           const uint8_t *white, double independence, double *score, double *information, double *free_samples);
-
 /* ---- Codewords and other patterns (codewords.c, neighbours.c, hill_climb.c) */
 
 enum { LEDPI_MOST_CELLS = 64 }; /* of a pattern: a bit for each */

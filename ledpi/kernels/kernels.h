@@ -8,13 +8,6 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* A grey picture, and the table (256,) from its codes to linear light. */
-typedef struct {
-    const uint8_t *pixels;
-    ptrdiff_t height, width, stride; /* stride: bytes from a row to the next; width and height at least 2 */
-    const float *light;
-} Picture;
-
 /* A coordinate's pixel before, 0 … size − 2, and the share of the way to the next; beyond the picture that of its end.
  * What is not a number counts as 0, which is as good as any other place. */
 static inline ptrdiff_t ledpi_interpolation_pixel(float at, ptrdiff_t size, float *share) {

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from importlib.abc import Traversable
 
 # C stands beside the Python of its stage; what all share is here. As build_core.py has them.
-FOLDERS = ("kernels", "pose", "decode/evidence", "decode/finding", "decode/identify", "decode/model")
+FOLDERS = ("kernels", "pose", "decode/finding", "decode/identify", "decode/model")
 REMEDY = "install ledpi again: sudo scripts/install, or pip install -e . (needs gcc, libc6-dev, python3-dev)"
 
 try:

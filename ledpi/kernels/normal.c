@@ -118,7 +118,7 @@ static void ridge(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to, 
 }
 
 bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squares, double freedom,
-                 double independence, double *score, double *information) {
+                 double *score, double *information) {
     const ptrdiff_t bands = size - nuisances;
     if (!(freedom > 0.0)) return false;
     ridge(matrix, size, 0, nuisances, LEDPI_RIDGE);
@@ -131,7 +131,7 @@ bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squ
     ridge(matrix, size, nuisances, size, LEDPI_RIDGE);
     const double variance = (squares - ledpi_eliminate(matrix, size, nuisances, size)) / freedom;
     if (!(variance > 0.0)) return false;
-    const double scale = independence / variance;
+    const double scale = 1.0 / variance;
     for (ptrdiff_t i = 0; i < bands; i++) {
         score[i] *= scale;
         for (ptrdiff_t j = i; j < bands; j++)

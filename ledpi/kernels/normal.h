@@ -33,7 +33,7 @@ double ledpi_eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t
 /* What is left of a symmetric matrix (size, size + 1; right side last; used up) once the first `nuisances` unknowns are
  * eliminated, over the variance of what then is left and every cell has bands of its own. False where it cannot be. */
 bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squares, double freedom,
-                 double independence, double *score, double *information);
+                 double *score, double *information);
 
 /* The unknowns (size,) of a matrix that they are eliminated from. */
 void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknowns);

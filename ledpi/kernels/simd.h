@@ -63,14 +63,4 @@ static LEDPI_INLINE void ledpi_transpose(Floats r[LEDPI_WIDTH]) {
 #endif
 }
 
-/* The sum of `count` numbers, four at a time: one after the other each would wait for the last. */
-static LEDPI_INLINE double ledpi_sum(const float *numbers, ptrdiff_t count) {
-    double lanes[4] = {0};
-    ptrdiff_t i = 0;
-    for (; i + 4 <= count; i += 4)
-        for (int lane = 0; lane < 4; lane++) lanes[lane] += numbers[i + lane];
-    for (; i < count; i++) lanes[0] += numbers[i];
-    return (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
-}
-
 #endif

@@ -1,4 +1,4 @@
-"""One picture file → pixels. A file that cannot be used is a value with a message, not an exception.
+"""One picture file → pixels, and its words. A file that cannot be used is a value with a message, not an exception.
 
 OpenCV says only that it cannot decode, and prints its own words to standard error; half a picture that some
 version might take for a whole one would be decoded as if it had been seen. So the PNG's own structure
@@ -7,22 +7,29 @@ version might take for a whole one would be decoded as if it had been seen. So t
 
 from __future__ import annotations
 
+import json
+import struct
 import zlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from ledpi.config.values import MAX_SIDE_PX
 from ledpi.core.errors import RecordingError
-from ledpi.core.files import read_bytes
+from ledpi.core.files import parse_json, read_bytes
 from ledpi.core.records import Pixels, Rejected
 
 MAX_BYTES = 4 * MAX_SIDE_PX**2  # of a file: the largest picture, in colour and not compressed
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _COLOUR_TYPES = 0, {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: "colour with alpha"}
 _IHDR_END = 8 + 4 + 4 + 13 + 4  # signature, then the first chunk's length, name, content and checksum
+
+KEYWORD = b"ledpi"
+MAX_TEXT_BYTES = 1 << 20  # of the text: a map of a thousand panels takes 200 kB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,3 +110,34 @@ def png_fault(data: bytes) -> tuple[str, str] | None:
             return None
         position = end
     return "truncated", f"ends after {len(data)} bytes without the end mark IEND"
+
+
+def with_text(png: bytes, values: Mapping[str, Any]) -> bytes:
+    """The PNG with these values, as JSON has them, after its header. Pixels stay as they are."""
+    body = b"tEXt" + KEYWORD + b"\0" + json.dumps(values).encode("ascii")
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    return png[:_IHDR_END] + chunk + png[_IHDR_END:]
+
+
+def text_of(data: bytes) -> dict[str, Any] | None:
+    """Returns what `with_text` wrote; None where the bytes are no PNG, or say nothing of the kind."""
+    for name, content in _chunks(data):
+        keyword, _, text = content.partition(b"\0")
+        if name == b"tEXt" and keyword == KEYWORD and len(text) <= MAX_TEXT_BYTES:
+            try:
+                values = parse_json(text.decode())
+            except ValueError:
+                return None
+            return values if isinstance(values, dict) else None
+    return None
+
+
+def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Name and content of each before the pixels."""
+    at = len(PNG_SIGNATURE) if data.startswith(PNG_SIGNATURE) else len(data)
+    while at + 8 <= len(data):
+        (length,), name = struct.unpack(">I", data[at : at + 4]), data[at + 4 : at + 8]
+        if name == b"IDAT":
+            return
+        yield name, data[at + 8 : at + 8 + length]
+        at += 12 + length

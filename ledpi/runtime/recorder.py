@@ -18,8 +18,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ledpi.camera.base import Camera
-from ledpi.camera.gain_follower import GainFollower
+from ledpi.camera.base import Camera, GainFollower
 from ledpi.camera.recovering import LOST
 from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.pipeline.pipeline import Pipeline

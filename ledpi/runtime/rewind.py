@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -120,9 +120,9 @@ class Rewind:
                 raise RecordingError(f"the daemon ends, and {len(left)} frames more are not written")
             yield left.popleft()
 
-    def _give_back(self, kept: Iterable[KeptFrame]) -> None:
-        for each in kept:
-            self._ring.give_back(each)
+    def _give_back(self, kept: deque[KeptFrame]) -> None:
+        while kept:
+            self._ring.give_back(kept.popleft())
 
     def _is_new(self, fault: str, now_ns: int) -> bool:
         before = self._told_ns.get(fault)

@@ -119,7 +119,7 @@ class Takes:
                 raise RecordingError(f"{self._kind}: others are still being written; ask again later")
             try:
                 done = self._writer.submit(job, *values)
-            except RuntimeError:
+            except RuntimeError:  # the job stays, and is done with the next one: it must find nothing left to do
                 raise RecordingError(f"{self._kind}: {NO_THREAD}") from None
             self._waiting.append(done)
         return done

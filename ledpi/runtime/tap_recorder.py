@@ -48,7 +48,11 @@ class TapRecorder:
             if self._takes.ends.is_set():
                 raise RecordingError("the daemon ends")
             queue = RecordQueue(camera.height, camera.width)
-            running = queue, self._takes.submit(self._write, queue, request.seconds or MAX_SECONDS)
+            try:
+                running = queue, self._takes.submit(self._write, queue, request.seconds or MAX_SECONDS)
+            except RecordingError:
+                queue.close()
+                raise
             self._running = running
         try:
             return running[1].result()

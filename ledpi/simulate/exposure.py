@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.records import Floats, Intrinsics
-from ledpi.core.shutter import row_weights
 from ledpi.kernels.lens import distort
 from ledpi.simulate.optics import (
     SUPERSAMPLING,
@@ -31,7 +30,7 @@ from ledpi.simulate.optics import (
     spread,
     whole_picture,
 )
-from ledpi.simulate.scene import Ripple, SimulatedSensor, TracedWave, Wave
+from ledpi.simulate.scene import SimulatedSensor, Wave
 from ledpi.simulate.surface import Image, Surface
 
 _STEP_PX = 0.5  # largest motion between two parts of an exposure; it leaves out a box of 0.14 px rms
@@ -209,19 +208,11 @@ def _part_weights(
         return np.full((parts, region.height), 1.0 / parts, np.float32)
     part_us = sensor.exposure_us / parts
     rows = np.arange(region.y0, region.y1) + np.arange(parts)[:, None] * (part_us / sensor.row_time_us)
-    if isinstance(wave, TracedWave):
-        starts_s = sensor.exposure_start_s(seq) + rows * (sensor.row_time_us * 1e-6)
-        return np.asarray(wave.share_on(starts_s, part_us * 1e-6) / parts, np.float32)
-    at_row0 = phase_cycles + wave.frequency_hz * sensor.exposure_start_s(seq)
-    if isinstance(wave, Ripple):
-        levels = wave.row_levels(rows, phase_cycles=at_row0, exposure_us=part_us, row_time_us=sensor.row_time_us)
-        return np.asarray(levels / parts, np.float32)
-    weights = row_weights(
+    shares = wave.shares(
         rows,
-        frequency_hz=wave.frequency_hz,
-        phase_cycles=at_row0 - math.floor(at_row0),
-        duty=wave.duty,
+        phase_cycles=phase_cycles,
+        start_s=sensor.exposure_start_s(seq),
         exposure_us=part_us,
         row_time_us=sensor.row_time_us,
     )
-    return np.asarray(weights / parts, np.float32)
+    return np.asarray(shares / parts, np.float32)

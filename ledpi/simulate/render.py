@@ -14,9 +14,8 @@ from ledpi.core.geometry import inverse
 from ledpi.core.records import Floats, Frame, Pixels
 from ledpi.recording.reader import TruthMarker
 from ledpi.simulate.exposure import Exposed, add_to, expose_moving, expose_still
-from ledpi.simulate.floor import mirrored
 from ledpi.simulate.optics import PoseAt, shows_front
-from ledpi.simulate.scene import Panel, Ripple, Scene
+from ledpi.simulate.scene import Panel, Scene
 from ledpi.simulate.sensor import SensorReadout
 from ledpi.simulate.surface import Image, Surface, light_surface, panel_surface, print_surface
 from ledpi.simulate.truth import pose_seen, scene_truth
@@ -39,7 +38,7 @@ class Renderer:
         self._phases = [self._draw_phases(index, s) for index, s in enumerate(self._surfaces)]
         if scene.floor is not None:
             shown = [*range(len(scene.panels)), *range(len(self._surfaces) - len(scene.prints), len(self._surfaces))]
-            self._surfaces += [mirrored(self._surfaces[index], scene.floor) for index in shown]
+            self._surfaces += [scene.floor.mirrored(self._surfaces[index]) for index in shown]
             self._phases += [self._phases[index] for index in shown]
         lens = scene.sensor.intrinsics
         self._level: Image = np.empty((lens.height, lens.width), np.float32)
@@ -63,7 +62,7 @@ class Renderer:
         if surface.antiphase:
             drawn[1] = (drawn[0] + 0.5) % 1.0
         return tuple(
-            self._room_phase if isinstance(wave, Ripple) else phase
+            self._room_phase if wave is not None and wave.on_mains else phase
             for wave, phase in zip(surface.waves, drawn, strict=True)
         )
 
@@ -96,9 +95,10 @@ class Renderer:
         sensor, ripple = self.scene.sensor, self.scene.room.ripple
         if ripple is None:
             return None
-        levels = ripple.row_levels(
+        levels = ripple.shares(
             np.arange(sensor.intrinsics.height, dtype=np.float64),
-            phase_cycles=self._room_phase + ripple.frequency_hz * sensor.exposure_start_s(seq),
+            phase_cycles=self._room_phase,
+            start_s=sensor.exposure_start_s(seq),
             exposure_us=sensor.exposure_us,
             row_time_us=sensor.row_time_us,
         )

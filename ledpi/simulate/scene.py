@@ -9,13 +9,17 @@ and noise, not brightness.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 import numpy as np
 
 from ledpi.core.records import Floats, Intrinsics, PanelSpec, Transfer
+from ledpi.core.shutter import row_weights
 from ledpi.markers.codewords import Bits
 from ledpi.simulate.trajectory import Still, Trajectory
+
+if TYPE_CHECKING:
+    from ledpi.simulate.surface import Surface
 
 OV5647_ROW_TIME_US = 1852 / 55.0  # 1852 pixel clocks a row at 55 MHz: the sensor's 640×480 mode, 33.67 µs
 OV5647_FRAME_LENGTH_ROWS = 504
@@ -27,19 +31,44 @@ class PanelAppearance:
     """The light over a panel's face. Lengths are shares of a cell's pitch."""
 
     gap: float = 0.06  # dark wall between neighbouring cells; the lit grid's outer edge has none
-    equal_cells: bool = False  # all of one size; else they meet on a lattice, and those at the rim are larger
     bezel: float = 0.15  # unlit frame around the lit grid
     falloff: float = 0.2  # how much darker a cell's corner is than its middle, smoothly
     hot_spot: float = 0.2  # share of the peak that comes from the LED shining through the diffuser
     hot_spot_sigma: float = 0.2
-    leds: int = 1  # a cell has so many along either side, each with its hot spot
-    depth: float = 0.0  # by which walls stand out before the diffuser, around the panel too
-    wall_glow: float = 0.5  # a wall's face, over the edge of the diffuser that it stands on
     albedo: float = 0.3  # what the unlit face returns of the room's uniform level
 
-    def __post_init__(self) -> None:
-        if self.leds < 1 or self.depth < 0:
-            raise ValueError(f"leds must be at least 1, depth not negative; are {self.leds} and {self.depth}")
+    def lights(self, cells: int, texels: int, eye: Floats | None = None) -> Floats:
+        """(n·texels, n·texels) light of cells of peak 1, row 0 at the top; half of it at a wall's edge, as its face.
+
+        `eye` (3,): the camera in the panel's frame (x right, y up, z out of its front), in pitches of a cell, for
+        faces that look different from aside; None: far ahead.
+        """
+        place = (np.arange(cells * texels) + 0.5) / texels
+        cell = np.floor(place)
+        low = np.where(cell == 0, 0.0, cell + self.gap / 2.0)
+        high = np.where(cell == cells - 1, cells, cell + 1.0 - self.gap / 2.0)
+        along = np.clip(place, low, high) - cell - 0.5
+        diffuse = 1.0 - self.falloff * (along[:, None] ** 2 + along**2) / 0.5
+        spot = np.exp(-(along**2) / (2.0 * self.hot_spot_sigma**2))
+        light = (1.0 - self.hot_spot) * diffuse + self.hot_spot * np.outer(spot, spot)
+        clear = np.clip(np.minimum(place - low, high - place) * texels + 0.5, 0.0, 1.0)
+        shown = np.outer(clear, clear)
+        return np.asarray(light * (0.5 + 0.5 * shown) * shown)
+
+
+class Wave(Protocol):
+    """A light that goes on and off."""
+
+    @property
+    def on_mains(self) -> bool:
+        """Tells whether its phase is that of all lamps in the room."""
+        ...
+
+    def shares(
+        self, rows: Floats, *, phase_cycles: float, start_s: float, exposure_us: float, row_time_us: float
+    ) -> Floats:
+        """Share of each row's exposure in which it is on; `start_s`: when row 0's begins, `phase_cycles`: at 0 s."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,58 +77,20 @@ class SquareWave:
 
     frequency_hz: float
     duty: float = 0.5
+    on_mains: ClassVar[bool] = False
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TracedWave:
-    """A light that is switched at recorded moments, as a driver's pin was traced.
-
-    Kept as its integral: for how long it has been on until each moment, linear in between.
-    """
-
-    moments_s: Floats  # (N,) rising, of the camera's clock: start of the trace, each edge, its end
-    lit_s: Floats  # (N,)
-
-    @classmethod
-    def from_edges(cls, edges_s: Floats, *, begin_s: float, end_s: float) -> TracedWave:
-        """Off at `begin_s`, on from the first of `edges_s` (N,) to the second, and so on. Raises ValueError."""
-        moments = np.concatenate([[begin_s], edges_s, [end_s]])
-        lengths = np.diff(moments)
-        if np.any(lengths < 0):
-            raise ValueError("edges_s must rise, and lie between begin_s and end_s")
-        lengths[0::2] = 0.0  # it is off from the start to the first edge, from the second to the third …
-        return cls(moments_s=moments, lit_s=np.concatenate([[0.0], np.cumsum(lengths)]))
-
-    def share_on(self, starts_s: Floats, exposure_s: float) -> Floats:
-        """Share of each exposure in which it was on, exact. Raises ValueError where the trace does not cover them."""
-        first, last = self.moments_s[[0, -1]]
-        if starts_s.min() < first or starts_s.max() + exposure_s > last:
-            raise ValueError(
-                f"an exposure from {starts_s.min():.6f} to {starts_s.max() + exposure_s:.6f} s is not within "
-                f"the trace, {first:.6f} to {last:.6f} s"
-            )
-        until, since = (np.interp(t, self.moments_s, self.lit_s) for t in (starts_s + exposure_s, starts_s))
-        return np.asarray((until - since) / exposure_s)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ripple:
-    """A lamp on the mains, whose light follows the power: 1 + depth·cos(2πft), at twice the mains' frequency."""
-
-    frequency_hz: float  # 100 or 120
-    depth: float  # a filament's 0.1 to 0.2, a poor LED driver's up to 1
-
-    def row_levels(self, rows: Floats, *, phase_cycles: float, exposure_us: float, row_time_us: float) -> Floats:
-        """Mean over each row's exposure, over the mean of all time; `phase_cycles` as row 0's exposure begins.
-
-        The exposure is a box filter: it leaves sinc(f·T) of the ripple, in the phase of its middle.
-        """
-        middle = phase_cycles + self.frequency_hz * 1e-6 * (rows * row_time_us + exposure_us / 2.0)
-        left = self.depth * np.sinc(self.frequency_hz * exposure_us * 1e-6)
-        return np.asarray(1.0 + left * np.cos(2.0 * np.pi * middle))
-
-
-Wave = SquareWave | TracedWave | Ripple
+    def shares(
+        self, rows: Floats, *, phase_cycles: float, start_s: float, exposure_us: float, row_time_us: float
+    ) -> Floats:
+        """As `Wave.shares`."""
+        return row_weights(
+            rows,
+            frequency_hz=self.frequency_hz,
+            phase_cycles=(phase_cycles + self.frequency_hz * start_s) % 1.0,
+            duty=self.duty,
+            exposure_us=exposure_us,
+            row_time_us=row_time_us,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,7 +103,7 @@ class Panel:
     marker_id: int | None  # None for a panel that is no marker, a decoy: it has no truth
     brightness: float = 0.45  # level at the brightest point of a cell of gain 1, averaged over its blinking
     cell_gains: Floats | None = None  # (n, n); None: all 1
-    cell_waves: tuple[TracedWave, ...] | None = None  # row by row; None: the codeword's classes, ideal square waves
+    cell_waves: tuple[Wave, ...] | None = None  # row by row; None: the codeword's classes, ideal square waves
     appearance: PanelAppearance = field(default_factory=PanelAppearance)
 
     def __post_init__(self) -> None:
@@ -141,7 +132,7 @@ class Light:
     level: float  # averaged over its blinking
     panes: tuple[int, int] = (3, 2)  # of a lattice: across, down
     bar: float = 0.12  # of a lattice: width of the bars, share of a pane's pitch
-    wave: SquareWave | Ripple | None = None  # None: constant
+    wave: Wave | None = None  # None: constant
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,16 +155,15 @@ class Room:
     contrast: float = 0.6  # the texture's darkest and brightest are level × (1 ∓ contrast)
     distance_m: float = 4.0
     texture: int = 0  # which of the procedural pictures
-    ripple: Ripple | None = None  # of the lamps that light it; None: daylight
+    ripple: Wave | None = None  # of the lamps that light it; None: daylight
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Floor:
-    """Something level and glossy below panels and prints: it shows them upside down, a little blurred."""
+class Floor(Protocol):
+    """Something level and glossy below panels and prints."""
 
-    y_m: float  # in the scene, whose y points down; the camera must be above
-    reflectance: float
-    blur: float = 0.01  # deviation, as a share of what is mirrored
+    def mirrored(self, surface: Surface) -> Surface:
+        """Returns what it shows of one, in the same waves."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

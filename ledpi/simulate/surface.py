@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 
 from ledpi.core.records import Floats
 from ledpi.markers.codewords import Bits
-from ledpi.simulate.cells import cell_lights
 from ledpi.simulate.scene import Light, Panel, Print, Room, SquareWave, Wave
 from ledpi.simulate.trajectory import Trajectory
 
 Image = NDArray[np.float32]
-
 PANEL_TEXELS = 512  # across the lit grid: finer than three samples a pixel on panels of up to 170 pixels
 PRINT_TEXELS = 2048  # across a print, at most
 LIGHT_TEXELS = 256
@@ -71,7 +69,7 @@ def panel_surface(panel: Panel, room: Room, seen_from_m: Floats | None = None) -
     bezel = round(panel.appearance.bezel * texels)
     pitch_m = panel.spec.side_m / cells
     eye = None if seen_from_m is None else seen_from_m / pitch_m
-    on = panel.brightness / panel.spec.duty * cell_lights(cells, texels, panel.appearance, eye)
+    on = panel.brightness / panel.spec.duty * panel.appearance.lights(cells, texels, eye)
     if panel.cell_gains is not None:
         on = on * np.kron(panel.cell_gains, np.ones((texels, texels)))
     groups, waves = _groups(panel)

@@ -13,7 +13,7 @@ import numpy as np
 from ledpi.core.errors import TapError
 from ledpi.core.records import Floats, Pixels
 from ledpi.diagnosis.why_not import WhyNot
-from ledpi.recording.picture_text import with_text
+from ledpi.recording.picture import with_text
 from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, why_not_of
 from ledpi.view.encode import amplified, as_jpeg, as_png, focus, histogram
 from ledpi.view.overlay import dictionary_of, drawn, drawn_reasons, paint_bands, plain_reasons

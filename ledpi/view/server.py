@@ -13,6 +13,7 @@ import logging
 import struct
 import time
 from base64 import b64encode
+from collections.abc import Callable
 from importlib import resources
 from typing import Any, ClassVar
 
@@ -54,6 +55,18 @@ class ViewServer(GuardedServer):
         super().__init__(address, Handler)
 
 
+def _json(values: Callable[[ViewServer, dict[str, str]], Any]) -> Callable[[Handler, dict[str, str], bytes], None]:
+    """An answer of these values alone."""
+    return lambda handler, query, body: handler.send_json(values(handler.server, query))
+
+
+def _place_of(answer: dict[str, Any] | None) -> dict[str, Any]:
+    """The recording that a command has made."""
+    if answer is None:
+        raise TapError("the daemon does not answer")
+    return {"path": answer.get("path")}
+
+
 class Handler(RequestHandler):
     """The answers of one connection."""
 
@@ -79,11 +92,6 @@ class Handler(RequestHandler):
             raise TapError("there is no picture yet")
         self.send_content(200, "image/png", shown.png())
 
-    def answer_state(self, query: dict[str, str], body: bytes) -> None:
-        """Answers how it is, as soon as something has changed."""
-        state = self.server.hub.state(_whole(query, "after"), WAIT_S)
-        self.send_json(state)
-
     def answer_metrics(self, query: dict[str, str], body: bytes) -> None:
         """For Prometheus."""
         self.send_content(200, METRICS, self.server.hub.metrics().encode())
@@ -91,14 +99,6 @@ class Handler(RequestHandler):
     def answer_nothing(self, query: dict[str, str], body: bytes) -> None:
         """Browsers ask for an icon."""
         self.send_content(204, TEXT, b"")
-
-    def answer_history(self, query: dict[str, str], body: bytes) -> None:
-        """The last minutes."""
-        self.send_json(self.server.hub.history())
-
-    def answer_config(self, query: dict[str, str], body: bytes) -> None:
-        """Each key, and whether it may be changed here."""
-        self.send_json(self.server.settings.told())
 
     def answer_edit(self, query: dict[str, str], body: bytes) -> None:
         """Changes a key, or brings back the older file."""
@@ -123,22 +123,6 @@ class Handler(RequestHandler):
         """Puts one back."""
         request = {"do": "restore", "archive": b64encode(body).decode()}
         self.send_json({"says": self.server.settings.change(request)})
-
-    def answer_save(self, query: dict[str, str], body: bytes) -> None:
-        """Keeps the last seconds."""
-        self._done(self.server.hub.ask("save", SAVED_S))
-
-    def answer_record(self, query: dict[str, str], body: bytes) -> None:
-        """Begins a recording."""
-        self._done(self.server.hub.record(RECORD_S))
-
-    def answer_record_stop(self, query: dict[str, str], body: bytes) -> None:
-        """Ends it."""
-        self._done(self.server.hub.record_stop())
-
-    def answer_takes(self, query: dict[str, str], body: bytes) -> None:
-        """Answers what the daemon has recorded."""
-        self.send_json(self.server.takes.listed())
 
     def answer_take(self, query: dict[str, str], body: bytes) -> None:
         """A take as one tar file, passed on piece by piece. Where it breaks off, so does the connection."""
@@ -183,20 +167,15 @@ class Handler(RequestHandler):
             raise TapError("there is no lens yet")
         self.send_content(200, "text/yaml; charset=utf-8", text.encode())
 
-    def _done(self, answer: dict[str, Any] | None) -> None:
-        if answer is None:
-            raise TapError("the daemon does not answer")
-        self.send_json({"path": answer.get("path")})
-
     answers: ClassVar[Answers] = {
         ("GET", "/favicon.ico"): answer_nothing,
         ("GET", "/metrics"): answer_metrics,
         ("GET", "/api/frame"): answer_frame,
         ("GET", "/api/frame.png"): answer_png,
-        ("GET", "/api/state"): answer_state,
-        ("GET", "/api/history"): answer_history,
-        ("GET", "/api/config"): answer_config,
-        ("GET", "/api/takes"): answer_takes,
+        ("GET", "/api/state"): _json(lambda view, query: view.hub.state(_whole(query, "after"), WAIT_S)),
+        ("GET", "/api/history"): _json(lambda view, query: view.hub.history()),
+        ("GET", "/api/config"): _json(lambda view, query: view.settings.told()),
+        ("GET", "/api/takes"): _json(lambda view, query: view.takes.listed()),
         ("GET", "/api/take.tar"): answer_take,
         ("GET", "/api/board"): answer_board,
         ("GET", "/api/camera.yaml"): answer_lens,
@@ -206,10 +185,10 @@ class Handler(RequestHandler):
         ("POST", "/api/reload"): answer_reload,
         ("POST", "/api/board/start"): answer_board_start,
         ("POST", "/api/board/stop"): answer_board_stop,
-        ("POST", "/api/save"): answer_save,
+        ("POST", "/api/save"): _json(lambda view, query: _place_of(view.hub.ask("save", SAVED_S))),
         ("POST", "/api/take_delete"): answer_take_delete,
-        ("POST", "/api/record"): answer_record,
-        ("POST", "/api/record_stop"): answer_record_stop,
+        ("POST", "/api/record"): _json(lambda view, query: _place_of(view.hub.record(RECORD_S))),
+        ("POST", "/api/record_stop"): _json(lambda view, query: _place_of(view.hub.record_stop())),
     }
 
 

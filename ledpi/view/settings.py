@@ -17,8 +17,7 @@ from ledpi.config.shipped import documented
 from ledpi.core.errors import LedpiError, TapError
 from ledpi.tools.backup import MAX_BYTES
 from ledpi.tools.calibrate.files import newest_kept
-from ledpi.tools.edit_helper import ask, socket_of
-from ledpi.tools.editing import answer, is_permitted, packed_without_token
+from ledpi.tools.editing import answer, ask, is_permitted, packed_without_token, socket_of
 from ledpi.view.guard import NotOfferedError
 from ledpi.view.hub import Hub
 

@@ -13,16 +13,7 @@ from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.records import Floats, MarkerPose, Pose
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import (
-    Light,
-    Panel,
-    PanelAppearance,
-    Room,
-    Scene,
-    SimulatedSensor,
-    SquareWave,
-    uneven_gains,
-)
+from ledpi.simulate.scene import Light, Panel, PanelAppearance, Room, Scene, SimulatedSensor, SquareWave, uneven_gains
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera, rotation

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation.simulated import TracedWave
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.records import PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.writer import RecordingWriter
-from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Scene, SimulatedSensor, TracedWave
+from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Scene, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.trajectory import Still, facing_camera
 from ledpi.tools.panel.firmware import Build, plan_firmware, write_firmware

@@ -184,7 +184,6 @@ def test_neighbours_on_the_largest_grid() -> None:
         score=(information @ shown.ravel()).reshape(64, 4),
         information=information.reshape(64, 4, 64, 4),
         prior=np.full(4, 0.1),
-        residual=1.0,
     )
     changed = np.eye(64)[list(range(64))]
     near = [np.abs(own - changed[a] - (changed[b] if a != b else 0)) for a in range(64) for b in range(a + 1)]

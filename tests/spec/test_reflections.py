@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evaluation.simulated import GlossyFloor
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.records import Frame, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.simulate.scene import Floor, Panel, Room, Scene, SimulatedSensor
+from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens
 from ledpi.simulate.trajectory import Still, facing_camera
 from tests.builders.decode import panel_settings
@@ -30,7 +31,7 @@ def over_the_floor(dictionary: str, marker_id: int, exposure_us: float) -> Scene
         sensor=SimulatedSensor(intrinsics=ov5647_lens(640, 480), exposure_us=exposure_us),
         panels=(Panel(codeword=codeword, spec=SPEC, motion=Still(pose), marker_id=marker_id, brightness=0.5),),
         room=Room(level=0.05),
-        floor=Floor(y_m=FLOOR_M, reflectance=0.5),
+        floor=GlossyFloor(y_m=FLOOR_M, reflectance=0.5),
     )
 
 

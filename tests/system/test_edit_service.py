@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from ledpi.core.errors import ConfigError
-from ledpi.tools.edit_helper import SOCKET, ask, socket_of
+from ledpi.tools.editing import SOCKET, ask, socket_of
 from tests.builders.command import LEDPI, complaint, in_process
 from tests.builders.systemd import Unit, assert_closed_in, needs_systemd, said_of
 from tests.builders.waiting import wait_until

@@ -6,16 +6,16 @@ in a cell, it does at the same place of every cell.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cache
 
+import cv2
 import numpy as np
 
+from ledpi.core.geometry import project_to_quad
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
 from ledpi.core.tone import linear_light
-from ledpi.kernels.lens import bending_lens_of
-from ledpi.kernels.library import NONE, doubles, ffi, lib, pointer
+from ledpi.kernels.lens import bending_lens_of, distort, undistort
 
 # The very rim of a cell is left out: partitions cast shadows there that no smooth interpolation follows. No more than
 # that: with its gain unknown, a short cell tells its class by how its light changes from its top to its bottom, so by
@@ -36,7 +36,6 @@ MIN_CELL_PX = 2.0
 # bands are deep. (Saturated pixels would spoil too much of it.) The variance of a sample over a pixel's is the mean of
 # the squared weights: (2/3)² for lines in both directions; 0.84, measured, for OpenCV's Lanczos of 8 × 8.
 LANCZOS_VARIANCE, LINEAR_VARIANCE = 0.84, 4.0 / 9.0
-STEPS = 512  # between two pixels, for which there are weights
 
 TOO_SMALL = Rejected(stage="cells", reason="too_small")
 OUTSIDE = Rejected(stage="cells", reason="outside_picture")
@@ -96,8 +95,9 @@ def sample_cells(
     sampled = _sample(frame, corners_px, intrinsics, points)
     if sampled is None:
         return OUTSIDE
-    light, rows, saturated, least = sampled
-    valid = _valid(light) if math.isnan(least) else DARK if least <= 0 else None
+    light, rows = sampled
+    saturated = bool(np.isnan(light).any())
+    valid = _valid(light) if saturated else DARK if light.sum(axis=1).min() <= 0 else None
     if isinstance(valid, Rejected):
         return valid
     if quad.hidden is not None:
@@ -136,34 +136,31 @@ def _valid(light: Singles) -> Mask | Rejected:
     return DARK if np.nansum(light, axis=1).min() <= 0 else valid
 
 
-@cache
-def _lanczos() -> Singles:
-    """(STEPS + 1, 8) weights of the pixels −3 … 4 for every share of the way from pixel 0 to 1, their sum 1."""
-    away = np.arange(-3, 5) - np.arange(STEPS + 1)[:, None] / STEPS
-    weights = np.sinc(away) * np.sinc(away / 4)
-    return np.ascontiguousarray(weights / weights.sum(axis=1, keepdims=True), np.float32)
-
-
 def _sample(
     frame: Frame, corners_px: Floats, lens: Intrinsics | None, points: Lattice
-) -> tuple[Singles, Singles, bool, float] | None:
-    """Light and picture rows (cells², k²) on the lattice inside `corners_px` (4, 2), bent as the `lens` does (cells.c).
+) -> tuple[Singles, Singles] | None:
+    """Light, NaN where saturated, and picture rows (cells², k²) on the lattice inside `corners_px` (4, 2).
 
-    And whether a pixel of those that this takes in is saturated, and the least sum of light over a cell, not a number
-    where that spoils a sample. None where corners or points leave the picture. Raises MemoryError.
+    None where corners or points leave the picture.
     """
-    light, rows = np.empty(points.u.shape, np.float32), np.empty(points.u.shape, np.float32)
-    least, corners = np.empty(1), doubles(corners_px)
-    pixels = frame.pixels if frame.pixels.strides[1] == 1 else np.ascontiguousarray(frame.pixels)
-    first = ffi.cast("uint8_t *", pixels.__array_interface__["data"][0])  # rows may be apart
-    bending = bending_lens_of(lens)
-    outcome = lib.ledpi_sample_cells(
-        *(first, *pixels.shape, pixels.strides[0], pointer(linear_light(frame.transfer, mark_saturated=True))),
-        *(pointer(corners), NONE if bending is None else pointer(bending), points.cells, points.k),
-        *(pointer(points.along), pointer(_lanczos()), STEPS, pointer(light), pointer(rows), pointer(least)),
-    )
-    if outcome == lib.LEDPI_NOT_SAMPLED:
-        raise MemoryError
-    if outcome == lib.LEDPI_OUTSIDE:
-        return None
-    return light, rows, outcome == lib.LEDPI_SOME_SATURATED, float(least[0])
+    bending = None if bending_lens_of(lens) is None else lens
+    rays = corners_px if bending is None else undistort(corners_px, bending)
+    places = np.stack([points.u, points.v], axis=-1).astype(np.float64)
+    seen = project_to_quad(rays, places.reshape(-1, 2))
+    at = np.float32(seen if bending is None else distort(seen, bending)).reshape(*points.u.shape, 2)
+    size = np.array(frame.pixels.shape[::-1]) - 1
+    for inside in (corners_px, at):
+        if not ((inside >= 0) & (inside <= size)).all():  # neither is what is not a number
+            return None
+    light = cv2.LUT(frame.pixels, linear_light(frame.transfer, mark_saturated=True))
+    spoilt = bool(np.isnan(light[_around(at, size)]).any())
+    method = cv2.INTER_LINEAR if spoilt else cv2.INTER_LANCZOS4
+    found = cv2.remap(light, at[..., 0], at[..., 1], method, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found, np.float32), np.ascontiguousarray(at[..., 1])
+
+
+def _around(at: Singles, size: Floats) -> tuple[slice, slice]:
+    """The rows and columns of the picture that the interpolation takes in."""
+    first, last = at.min(axis=(0, 1)).astype(int) - 3, at.max(axis=(0, 1)).astype(int) + 5
+    (left, top), (right, bottom) = np.maximum(first, 0), np.minimum(last, size.astype(int) + 1)
+    return slice(top, bottom), slice(left, right)

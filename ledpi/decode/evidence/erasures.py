@@ -8,32 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ledpi.core.records import Mask, Singles
-from ledpi.decode.evidence.cells import CellSamples
+from ledpi.core.records import Mask
 from ledpi.decode.evidence.evidence import Evidence
 
 # Of the cells' mean light: less is no cell's own. LEDs that differ by 15 % (a deviation) keep to more than twice that;
 # across a gap comes 0.05 to 0.15 where cells are 7 px, and 0.3 where they are 3 px.
 UNLIT = 1.0 / 3.0
-
-
-def find_unlit_cells(samples: CellSamples, band_light: Singles) -> Mask:
-    """(cells,) the cells that give no light of their own.
-
-    If bands are deep, a cell may be dark for being in one: `band_light` (cells, points) is even light under the bands.
-    """
-    shown = band_light if samples.valid is None else band_light * samples.valid
-    # By least squares: where a cell is to be dark, there is stray light.
-    level = (samples.light * shown).sum(axis=1) / np.square(shown).sum(axis=1)
-    return np.asarray(level < UNLIT / len(level) * level.sum())
-
-
-def erase_unlit_cells(evidence: Evidence, samples: CellSamples, band_light: Singles) -> Evidence:
-    """The evidence with the bands of unlit cells marginalised out: it then holds nothing of these cells.
-
-    `band_light` as in `find_unlit_cells`.
-    """
-    return erase_cells(evidence, find_unlit_cells(samples, band_light))
 
 
 def erase_cells(evidence: Evidence, unlit: Mask) -> Evidence:

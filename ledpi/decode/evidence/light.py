@@ -85,7 +85,7 @@ class LightWeigher:
     """Weighs the light of panels of `cells` × `cells`, in room that it keeps."""
 
     def __init__(self, cells: int, intrinsics: Intrinsics | None) -> None:
-        self._cells, self._intrinsics = cells, intrinsics
+        self.cells, self._intrinsics = cells, intrinsics
         self._lens = bending_lens_of(intrinsics)
         self._weigher = Weigher()
 
@@ -131,7 +131,7 @@ class LightWeigher:
         return any(abs(of - mean.each) <= max(1.0, SAME_GRID * mean.each) for of in suits)
 
     def _each(self, seen: Observation, most: int = MOST_EACH) -> int:
-        pitch = pitch_px_of(seen.lattice_px / seen.window.shrink, self._cells)
+        pitch = pitch_px_of(seen.lattice_px / seen.window.shrink, self.cells)
         return min(most, max(FEWEST_EACH, round(math.sqrt(pitch[0] * pitch[1]))))
 
     def _weigh(
@@ -148,7 +148,7 @@ class LightWeigher:
         phases: Sequence[float] = (0.0, 0.0),
         turns: Singles | None = None,
     ) -> tuple[Mean, Evidence | None]:
-        cells, count, frame, window = self._cells, len(spec.waves_hz), seen.frame, seen.window
+        cells, count, frame, window = self.cells, len(spec.waves_hz), seen.frame, seen.window
         lines, steps_px = _lines(cells, each, pitch_px_of(seen.lattice_px / window.shrink, cells), wall_px)
         unknown = seen.unknown if built is None else np.where(_built_in(cells), built, seen.unknown)
         shape, parameters = (len(lines), len(lines)), 2 * count
@@ -189,11 +189,11 @@ class LightWeigher:
     def _prior(self, steps_px: list[float], each: int, exposure_us: float, *, compared: bool) -> Floats:
         """Prior of the unknowns; of frames that are compared, what is built into the panel does not differ."""
         across, down = (round(max(1.0, min(each, each * step)), 1) for step in steps_px)
-        given = prior(self._cells, (across, down), exposure_us, even=False, faint=True)
+        given = prior(self.cells, (across, down), exposure_us, even=False, faint=True)
         if not compared:
             return given
         mean, precision = given
-        return np.stack([mean, np.where(_built_in(self._cells), NEVER**-2.0, precision)])
+        return np.stack([mean, np.where(_built_in(self.cells), NEVER**-2.0, precision)])
 
     def _evidence(
         self, seen: Observation, spec: PanelSpec, unknown: Floats, score: Floats, information: Floats, weighed: Any
@@ -203,7 +203,6 @@ class LightWeigher:
             score=score / weighed.inflation,
             information=information / weighed.inflation,
             prior=band_prior(seen.frame, spec),
-            residual=0.5 * weighed.freedom / weighed.inflation,
         )
         return erase_cells(evidence, np.asarray(gains < UNLIT * gains.mean()))
 

@@ -17,7 +17,7 @@ import numpy as np
 from ledpi.core.records import Floats, PanelSpec, Rejected
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.light import LightWeigher, Mean
-from ledpi.decode.evidence.waves import band_prior, is_deep, turned
+from ledpi.decode.evidence.waves import band_prior, turned
 from ledpi.decode.observation import Observation
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
@@ -34,17 +34,15 @@ class ComparisonSum:
 
     score: Floats
     information: Floats
-    residual: float
 
     @classmethod
     def accumulate(cls, before: ComparisonSum | None, added: Evidence) -> ComparisonSum:
         """The sum with one more comparison."""
         if before is None:
-            return cls(score=added.score, information=added.information, residual=added.residual)
+            return cls(score=added.score, information=added.information)
         return cls(
             score=FORGETTING * before.score + added.score,
             information=FORGETTING * before.information + added.information,
-            residual=FORGETTING * before.residual + added.residual,
         )
 
 
@@ -96,9 +94,7 @@ class PanelMemory(NamedTuple):
         return self.last
 
     def newest_evidence(self, weigher: LightWeigher) -> Evidence | None:
-        """The newest frame's evidence by itself; None for deep bands, which need a second pass."""
-        if is_deep(band_prior(self.newest.frame, self.spec)):
-            return None
+        """The newest frame's evidence by itself; None where it is too little to tell bands."""
         return weigher.alone(self.newest, self.spec, self._since_s(self.newest))
 
     def count_from_origin(self, bands: Floats) -> Floats:
@@ -112,18 +108,14 @@ class PanelMemory(NamedTuple):
             return UNFIT if total is None else total
         if total is None:
             return known
-        return known._replace(
-            score=known.score + total.score,
-            information=known.information + total.information,
-            residual=known.residual + total.residual,
-        )
+        return known._replace(score=known.score + total.score, information=known.information + total.information)
 
     def comparison_evidence(self) -> Evidence | None:
         """The evidence of the frames after the first, whatever the panel looks like."""
         if (known := self.comparisons) is None:
             return None
         prior = band_prior(self.newest.frame, self.spec)
-        return Evidence(score=known.score, information=known.information, prior=prior, residual=known.residual)
+        return Evidence(score=known.score, information=known.information, prior=prior)
 
     def _since_s(self, seen: Observation) -> float:
         """From the origin to row 0 of a frame."""

@@ -13,11 +13,9 @@ from functools import lru_cache
 import numpy as np
 
 from ledpi.core import shutter
-from ledpi.core.records import Floats, Frame, PanelSpec, Singles
-from ledpi.decode.evidence.cells import CellSamples
+from ledpi.core.records import Floats, Frame, PanelSpec
 
 MAX_ROOM_LIGHT = 2.0  # of a panel's own in the mean of its bands: a brighter room hides the deepest
-FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
 LEAST_DEPTH = 1e-6  # that is counted with: whole cycles in an exposure leave none
 # Bands that are deeper, or one of whose harmonics is more than this share of the fundamental, are no sinusoids. (The
 # third is a tenth of it at 10 ms, and a third where the fundamental nearly vanishes, as it does at 800 µs.)
@@ -46,16 +44,6 @@ def _prior_of(exposure_us: float, waves_hz: tuple[float, ...], duty: float) -> F
     return np.repeat(np.square(np.maximum(amplitude, LEAST_DEPTH)), 2) / 2
 
 
-def is_deep(prior: Floats) -> bool:
-    """Tells whether bands of this variance (P,) are so deep that their harmonics show, and hide what is static."""
-    return math.sqrt(2.0 * min(prior.tolist())) > FULL_DEPTH
-
-
-def is_deep_anywhere(prior: Floats) -> bool:
-    """Tells whether one class's are: then what a model leaves open is not noise."""
-    return math.sqrt(2.0 * max(prior.tolist())) > FULL_DEPTH
-
-
 @lru_cache(maxsize=64)
 def are_sinusoids(exposure_us: float, spec: PanelSpec) -> bool:
     """Tells whether the exposure leaves so little else that all that a model by sinusoids leaves open is noise."""
@@ -64,23 +52,6 @@ def are_sinusoids(exposure_us: float, spec: PanelSpec) -> bool:
         for order in (1, 2, 3)
     )
     return first <= FAINT_DEPTH and max(further) <= MOST_HARMONIC * first
-
-
-def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec) -> Singles:
-    """(P, cells, points): cosine and sine of each of the panel's waves, from row 0 on."""
-    out = np.empty((2 * len(spec.waves_hz), *samples.rows.shape), np.float32)
-    for k, hz in enumerate(spec.waves_hz):
-        cycles = samples.rows * np.float32(hz * frame.row_time_us * 1e-6)
-        angle = np.float32(2.0 * math.pi) * (cycles - np.rint(cycles))
-        np.cos(angle, out=out[2 * k])
-        np.sin(angle, out=out[2 * k + 1])
-    return out if samples.valid is None else np.asarray(out * samples.valid, np.float32)
-
-
-def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float, start_cycles: float) -> Singles:
-    """(2, cells, points): `shutter.square_wave_bands` in each sample; `start_cycles` is the fundamental's in row 0."""
-    cycles = samples.rows.astype(np.float64) * (hz * frame.row_time_us * 1e-6) + start_cycles
-    return shutter.square_wave_bands(cycles, hz, frame.exposure_us, spec.duty).astype(np.float32)
 
 
 def rotated(bands: Floats, angles: Sequence[float]) -> Floats:

@@ -8,7 +8,8 @@
 #include "simd.h"
 
 /* Half the neighbourhoods, less their middle, that a pixel is compared with: one shows cells of a third to all of its width.
- * Before a bright wall only the smaller one ends within the panel. Pictures are an octave apart. Powers of 2. */
+ * Before a bright wall only the smaller one ends within the panel. Pictures are an octave apart: what the larger one would show in
+ * the first of them, the smaller one does in the next. Powers of 2. */
 static const ptrdiff_t AROUND[] = {8, 4};
 enum { WIDEST = 8, PAD = 16 };
 #define CONTRAST 4 /* grey levels: twice what read-out noise leaves of a mean over a few pixels */
@@ -254,7 +255,7 @@ ptrdiff_t ledpi_lattice_squares(const PyramidPicture *pictures, ptrdiff_t count,
     BlobRun *const runs = (BlobRun *)(room + runs_at);
     uint8_t *const lit = room + lit_at;
     for (ptrdiff_t level = 0; level < count; level++)
-        for (size_t around = 0; around < sizeof AROUND / sizeof *AROUND; around++) {
+        for (size_t around = level ? 0 : 1; around < sizeof AROUND / sizeof *AROUND; around++) {
             const PyramidPicture *const seen = pictures + level;
             const double width = 2.0 * (double)AROUND[around] + 1.0;
             put_lit(seen, AROUND[around], (uint16_t *)(room + sums_at), lit);

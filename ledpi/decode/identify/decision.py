@@ -23,7 +23,8 @@ from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import Fit, rank_codewords
-from ledpi.decode.identify.plausibility import all_rows_blink, is_plausible, misfit_inflation, settles_deep_bands
+from ledpi.decode.identify.model_error import with_model_error
+from ledpi.decode.identify.plausibility import all_rows_blink, is_plausible
 
 NO_BANDS = Rejected(stage="identify", reason="no_bands")
 NO_CODEWORD = Rejected(stage="identify", reason="not_in_dictionary")
@@ -49,11 +50,6 @@ class Reading(NamedTuple):
     cell_bands: Floats  # (cells, P) cosine and sine of each wave, as each cell shows them
 
 
-def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
-    """The codeword that the evidence supports, or the reason why there is none."""
-    return judge(rank_codewords(evidence, codebook.white), evidence, codebook, false_id_rate)
-
-
 @cache
 def odds_needed(false_id_rate: float) -> float:
     """The log odds that keep the rate of false IDs: ½z², for two patterns that are as hard to distinguish as can be.
@@ -64,33 +60,55 @@ def odds_needed(false_id_rate: float) -> float:
     return 0.5 * NormalDist().inv_cdf(false_id_rate) ** 2
 
 
-def judge(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
-    """The best codeword of a fit to the evidence, if it beats all alternatives."""
-    needed = odds_needed(false_id_rate)
-    best, none = fit.codewords[0], fit.likelihood[0]
-    if none < needed:
+class Weighed(NamedTuple):
+    """The codewords under some evidence, the model's error counted in."""
+
+    evidence: Evidence
+    fit: Fit
+    explained: float  # natural-log likelihood ratio of the best codeword to "no bands", by noise alone
+
+
+def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+    """The codeword that the evidence supports, if it beats all alternatives; or the reason why there is none."""
+    fit = rank_codewords(evidence, codebook.white)
+    return judge(weigh(fit, evidence, codebook, false_id_rate), codebook, false_id_rate)
+
+
+def weigh(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Weighed | Rejected:
+    """The codewords under evidence whose model has an error, as large as `fit` says; none where there is no panel."""
+    if fit.likelihood[0] < odds_needed(false_id_rate):
         return NO_BANDS
     if not fit.is_finite:
         return UNFIT
+    known = with_model_error(evidence, fit, codebook.white[fit.codewords[0]])
+    again = fit if known is evidence else rank_codewords(known, codebook.white)
+    return Weighed(evidence=known, fit=again, explained=fit.likelihood[0]) if again.is_finite else UNFIT
+
+
+def judge(weighed: Weighed | Rejected, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+    """The best codeword, if it beats all alternatives."""
+    if isinstance(weighed, Rejected):
+        return weighed
+    evidence, fit, explained = weighed
+    needed = odds_needed(false_id_rate)
+    best, none = fit.codewords[0], fit.likelihood[0]
     amplitude = [math.hypot(*wave) for wave in fit.bands.reshape(-1, 2).tolist()]
     deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
     if not is_plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
-    inflation = misfit_inflation(evidence, fit)
-    outside = hypotheses.odds_against_no_codeword(evidence, fit, codebook, needed * inflation)
+    outside = hypotheses.odds_against_no_codeword(evidence, fit, codebook, needed)
     if outside < needed:
         return NO_CODEWORD
     other = _odds_against_other_ids(fit, codebook)
     if other < needed:
         return AMBIGUOUS
-    margin = min(none, other, outside) / inflation
-    if margin < needed or not settles_deep_bands(evidence, fit, min(other, outside), needed) or not all_rows_blink(fit):
+    if none < needed or not all_rows_blink(fit):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
         quarter_turns=int(codebook.quarter_turns[best]),
-        margin=margin,
-        likelihood=none,
+        margin=min(none, other, outside),
+        likelihood=explained,
         amplitude=(amplitude[0], amplitude[-1]),
         cell_bands=fit.cell_bands,
     )

@@ -10,7 +10,7 @@ import numpy as np
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codewords import class_flip_gain
-from ledpi.decode.identify.plausibility import MODEL_VARIANCE
+from ledpi.decode.identify.model_error import MODEL_VARIANCE
 
 # A frame that is e^5 times likelier without a panel's bands than with them does not show the panel. A frame that does
 # show it is rejected less than once in 1,000 times, however much information it has: with E =

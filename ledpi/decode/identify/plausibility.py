@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 
-from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.waves import is_deep_anywhere
 from ledpi.decode.identify.codewords import Fit
 
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
@@ -17,13 +15,6 @@ from ledpi.decode.identify.codewords import Fit
 MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
 MAX_DEPTH_RATIO = 2.5
 DEVIATIONS = 3.0  # allowed to either, for noise
-# Of a codeword's likelihood, where bands are faint: walls, tone and harmonics make the bands of a panel's cells differ
-# by a quarter of their depth, a deviation. (The lead it needs allows for more.)
-MODEL_VARIANCE = 1.0 / 16.0
-# Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
-# photographs of real lamps), unless the corners are wrong: of what is left within cells, and of what each cell's own
-# bands explain beyond the codeword's.
-MIN_EXPLAINED = 50.0
 # Log odds by which a row of cells may be without bands, over having its codeword's: where the exposure has left
 # none of its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
 MOST_AGAINST = 2.0
@@ -37,54 +28,6 @@ def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evide
     if max(least) > MAX_DEPTH or min(most) < MIN_DEPTH:
         return False
     return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
-
-
-def misfit_inflation(evidence: Evidence, fit: Fit) -> float:
-    """By how much noise would be underrated, if all that a codeword leaves of the cells' bands were noise; at least 1.
-
-    Bands of its own in every cell fit better than one codeword's for all, by noise alone with mean and variance of half
-    as many degrees of freedom. What is beyond that is wrong with the model, or these are no cells of one panel: a light
-    that blinks alike everywhere, or something dark across a bright thing. It divides all log odds. Where bands are deep
-    it is not like noise: one cell may have it all (`settles_deep_bands`).
-    """
-    if is_deep_anywhere(evidence.prior):
-        return 1.0
-    erased = 0 if fit.erased is None else int(np.count_nonzero(fit.erased))
-    by_noise = 0.5 * (len(fit.gain) - erased - 1) * len(evidence.prior)
-    misfit = fit.of_cells - (fit.likelihood[0] + _free_bands_gain(evidence, fit))
-    return max(1.0, misfit / (by_noise + DEVIATIONS * math.sqrt(by_noise) + MODEL_VARIANCE * fit.likelihood[0]))
-
-
-def settles_deep_bands(evidence: Evidence, fit: Fit, lead: float, needed: float) -> bool:
-    """Tells whether a codeword explains nearly all that deep bands show, and leads by more than the model's error.
-
-    What it leaves is error of the model, of unknown variance. An alternative would leave `lead` more, so the log odds
-    against it are ½ν·ln(1 + lead/left), as of a t distribution: they must be as `needed`. The ν degrees of freedom are
-    those of the cells that share what is left: (Σl)²/Σl² of them where cell c leaves l.
-    """
-    if not is_deep_anywhere(evidence.prior):
-        return True
-    bands, left = len(evidence.prior), fit.of_cells - fit.likelihood[0]
-    if not fit.likelihood[0] > MIN_EXPLAINED * max(left, evidence.residual):
-        return False
-    by_cell = np.maximum(_left_by_cell(evidence, fit), 0.5 * bands)  # no less than noise leaves
-    freedom = bands * float(np.square(by_cell.sum()) / np.square(by_cell).sum())
-    return 0.5 * freedom * math.log1p(lead / max(left, 0.5 * freedom)) >= needed
-
-
-def _left_by_cell(evidence: Evidence, fit: Fit) -> Floats:
-    """(cells,) log-likelihood that each cell's own bands would gain over the codeword's; 0 of an erased one."""
-    score, own = evidence.unexplained(fit.cell_bands), evidence.own_information
-    return np.asarray(0.5 * np.einsum("ci,cij,cj->c", score, np.linalg.pinv(own, hermitian=True), score))
-
-
-def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:
-    """Returns what a codeword's best bands gain over its likelihood, for their prior: ½ ln det(I + ΛA).
-
-    Some 10 nats; from the deviation of each cosine and sine by itself, which makes it less, if anything.
-    """
-    both = zip(evidence.prior.tolist(), fit.deviation, strict=True)
-    return sum(math.log(math.sqrt(variance) / deviation) for variance, deviation in both)
 
 
 def all_rows_blink(fit: Fit) -> bool:

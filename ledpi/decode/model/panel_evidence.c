@@ -342,7 +342,7 @@ bool ledpi_panel_evidence(PanelEvidence *asked, uint8_t *room) {
     sum_up(&w, sums);
     const double squares = put_matrix(&w, sums, variance);
     asked->freedom = (double)(sums->samples - sums->places) - sums->fitted;
-    if (!ledpi_weigh(sums->matrix, size, COMMON + (asked->compared ? 0 : n), squares, asked->freedom, 1.0, asked->score, asked->information))
+    if (!ledpi_weigh(sums->matrix, size, COMMON + (asked->compared ? 0 : n), squares, asked->freedom, asked->score, asked->information))
         return false;
     ledpi_solve(sums->matrix, size, sums->solution);
     put_left(&w, sums);

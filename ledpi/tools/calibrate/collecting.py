@@ -31,7 +31,6 @@ SIDES = {  # of the picture, by the sign of the board's normal in x and y
     "lower": np.array([0.0, 1.0]),
 }
 
-
 GRID = (3, 4)  # rows and columns of parts: what is wanted of a collection
 ROWS, COLUMNS = ("upper", "middle", "lower"), ("left", "centre left", "centre right", "right")
 ENLARGED = 100.0  # residuals in the drawing: 0.1 px is drawn as 10

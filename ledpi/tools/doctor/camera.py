@@ -84,7 +84,7 @@ def findings_of(read: Sequence[int], why: Why) -> list[Finding]:
 def _finding(one: Diagnosis) -> Finding:
     if one.kind == "panel":
         return bad("panels", one.line, one.helps or "see `ledpi snapshot`")
-    return Finding(name="panels", state="unknown", said=one.line, remedy=one.helps)
+    return unknown("panels", one.line, one.helps)
 
 
 def camera(config: Config) -> tuple[list[Finding], CameraInfo | None]:

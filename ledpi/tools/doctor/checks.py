@@ -24,7 +24,7 @@ def configuration(file: Path | None, *, asked_for: bool) -> Finding:
         return ok("configuration", str(file))
     said = f"{file} of this folder; the service reads {service}"
     remedy = f"to use the service's: leave this folder, or give --config {service}"
-    return Finding(name="configuration", state="unknown", said=said, remedy=remedy)
+    return unknown("configuration", said, remedy)
 
 
 def examine(config: Config, *, is_given: bool = True) -> Iterator[Finding]:

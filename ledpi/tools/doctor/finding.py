@@ -27,9 +27,9 @@ def ok(name: str, said: str) -> Finding:
     return Finding(name=name, state="ok", said=said)
 
 
-def unknown(name: str, said: str) -> Finding:
+def unknown(name: str, said: str, remedy: str = "") -> Finding:
     """It could not be looked at here, or does not apply."""
-    return Finding(name=name, state="unknown", said=said)
+    return Finding(name=name, state="unknown", said=said, remedy=remedy)
 
 
 def bad(name: str, said: str, remedy: str, *, stops_daemon: bool = False) -> Finding:

@@ -113,7 +113,7 @@ def clock(now_s: float | None = None, *, is_set: bool | None = None) -> Finding:
         return ok("clock", f"{said}, kept right by the network or another clock")
     remedy = "a network, chrony or an RTC: docs/raspberry-pi.md#the-clock"
     said = f"{said}; the kernel knows of nothing that keeps it right: times of recordings may be wrong"
-    return Finding(name="clock", state="unknown", said=said, remedy=remedy)
+    return unknown("clock", said, remedy)
 
 
 def _is_set() -> bool:
@@ -129,8 +129,7 @@ def _is_set() -> bool:
 def kept(file: Path) -> Iterator[Finding]:
     """A finding where what is written to a file does not outlive a reboot."""
     if said := lost_at_reboot(file):
-        remedy = "to change it for good: docs/raspberry-pi.md#a-read-only-root"
-        yield Finding(name="read-only root", state="unknown", said=said, remedy=remedy)
+        yield unknown("read-only root", said, "to change it for good: docs/raspberry-pi.md#a-read-only-root")
 
 
 def throttling() -> Finding:

@@ -11,7 +11,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from ledpi.core.holder import described, openers
-from ledpi.tools.doctor.finding import Finding, bad, ok
+from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
 DEV, SYS = Path("/dev"), Path("/sys")
 OLD_RULE = Path("/etc/udev/rules.d/60-ledpi.rules")
@@ -52,7 +52,7 @@ def name(port: str, dev: Path = DEV, sys: Path = SYS) -> Finding | None:
         return None
     socket = _links(dev / "serial/by-path").get(os.path.realpath(port))
     other = f"set serial.port to the name of its USB socket: {socket}" if socket else "use no second board like it"
-    return Finding(name="serial name", state="unknown", said=f"the board {_NO_NUMBER}", remedy=other)
+    return unknown("serial name", f"the board {_NO_NUMBER}", other)
 
 
 def has_own_number(link: Path, sys: Path = SYS) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import replace
 from math import ceil
 
 from ledpi.camera.simulated import simulated_sensor
@@ -60,7 +59,7 @@ def finding_of(taken_ms: dict[int, float], config: Config, sensor: SimulatedSens
         return ok("speed", said)
     period_us = _longer_period_us(SPARE * slowest_ms, config, sensor)
     remedy = f"frames that come meanwhile are dropped; with camera.frame_duration_us: {period_us} none are"
-    return replace(unknown("speed", said), remedy=remedy)
+    return unknown("speed", said, remedy)
 
 
 def _longer_period_us(least_ms: float, config: Config, sensor: SimulatedSensor) -> int:

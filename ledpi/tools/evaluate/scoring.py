@@ -29,7 +29,6 @@ STREAM_ROWS: dict[Row, range] = {
     "stream_all": range(FRAMES_A_TAKE),
 }
 
-
 # A marker is recognised where its ID is right and each corner is within this share of its size in the picture: then it
 # is that marker, and turned the right way. How exactly it is placed is told by the errors.
 PLACE_SHARE = 0.25

@@ -14,7 +14,6 @@ MAX_CYCLES = 65_535  # the timer has 16 bits
 # The interrupts of both classes, one after the other, take under 160 cycles; the rest is left to the serial line.
 MIN_CYCLES = 400
 
-
 # Share of the deepest bands that an exposure of this length could show, below which a frequency counts as on a null.
 # The light that tells a fifth of the depth apart from noise is 25 times that of the whole.
 NULL_SHARE = 0.2

@@ -110,9 +110,7 @@ def evidence_of(view: View, spec: PanelSpec, *, frames: int, frame_length_rows: 
     if isinstance(known, Evidence):
         return known
     shape = (view.cells**2, 2 * len(spec.waves_hz))
-    return Evidence(
-        score=np.zeros(shape), information=np.zeros(shape * 2), prior=np.full(shape[1], 1e-12), residual=0.0
-    )
+    return Evidence(score=np.zeros(shape), information=np.zeros(shape * 2), prior=np.full(shape[1], 1e-12))
 
 
 def separation_nats(evidence: Evidence, depths: tuple[float, float]) -> float:

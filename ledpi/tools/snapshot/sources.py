@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.camera.base import Camera
-from ledpi.camera.gain_follower import GainFollower
+from ledpi.camera.base import Camera, GainFollower
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError, TapError
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, Rejected

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ledpi.api.picture import checked_picture
 
 import ledpi
 import ledpi.api.lens
 import ledpi.api.reader
+from ledpi.api.exposed import checked_picture
 from ledpi.api.marker import Marker, marker_of
 from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.core.geometry import quaternion_from_matrix
@@ -308,7 +308,7 @@ def test_two_threads_at_once_are_refused(near: Pixels, of: str, monkeypatch: pyt
         refused.append(of)
         return checked_picture(image)
 
-    monkeypatch.setattr(f"ledpi.api.{of}.checked_picture", meanwhile)
+    monkeypatch.setattr("ledpi.api.reader.checked_picture", meanwhile)
     assert [marker.id for marker in read[of]()] == [7]
     assert refused == [of]
 

@@ -20,7 +20,7 @@ import pytest
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.cli import main
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
-from ledpi.recording.picture_text import with_text
+from ledpi.recording.picture import with_text
 from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import SimulatedSensor

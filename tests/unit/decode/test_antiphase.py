@@ -141,7 +141,6 @@ def drawn_evidence(shown: Bits, seed: int) -> Evidence:
         score=score.reshape(16, 2),
         information=information.reshape(16, 2, 16, 2),
         prior=np.full(2, 0.05**2 / 2),
-        residual=0,
     )
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ledpi.core.records import Floats, Frame, Rejected
-from ledpi.decode.evidence.erasures import find_unlit_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import Codebook
@@ -28,7 +26,7 @@ from tests.builders.decode import (
     square,
     word,
 )
-from tests.builders.samples import erased_cells, evidence_at, read_at, samples_of
+from tests.builders.samples import erased_cells, evidence_at, read_at
 
 BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 PRIOR = band_prior(Canvas().frame(None), SPEC)
@@ -53,7 +51,7 @@ def evidence_for(cells: Bits, erased: tuple[int, ...] = ()) -> Evidence:
         information[cell, :, cell, :] = own
     each = np.where(np.repeat(white[:, None], 4, axis=1) == np.array([False, False, True, True]), bands, 0.0)
     score = np.einsum("cidj,dj->ci", information, each)
-    return Evidence(score=score, information=information, prior=PRIOR, residual=1000.0)
+    return Evidence(score=score, information=information, prior=PRIOR)
 
 
 @pytest.mark.parametrize("side", [24.0, 60.0])
@@ -112,16 +110,6 @@ def test_where_no_cell_can_be_corrected_a_dead_one_is_still_erased() -> None:
         read += [marker.detection.id for marker in path.decode(canvas.frame(dead)).markers]
     assert set(read) == {700}
     assert len(read) >= 14
-
-
-def test_a_cell_that_is_dark_as_its_bands_are_is_lit() -> None:
-    """The first is dark but for a tenth of its samples; the second shows a fifth of what it would then."""
-    shown = np.ones((4, 100), np.float32)
-    shown[:2, :90] = 0.05
-    light = shown.copy()
-    light[1] *= 0.2
-    samples = replace(samples_of(Canvas().frame(), square(310, 240, 60.0)), light=light)
-    assert find_unlit_cells(samples, shown).tolist() == [False, True, False, False]
 
 
 @pytest.mark.parametrize(("erased", "correctable"), [((), 1), ((6,), 1), ((6, 8), 0), ((0, 1), 1), ((6, 8, 10), 0)])

@@ -26,7 +26,7 @@ def bands(white: Mask) -> Floats:
 def frame_with(shown: Floats, information: float) -> Evidence:
     """Evidence that a frame with these bands adds, without noise; cosines and sines are known by this `information`."""
     everywhere = information * np.eye(64).reshape(16, 4, 16, 4)
-    return Evidence(score=information * shown, information=everywhere, prior=np.ones(4), residual=0.0)
+    return Evidence(score=information * shown, information=everywhere, prior=np.ones(4))
 
 
 @pytest.mark.parametrize("information", [0.1, 1000.0])

@@ -8,11 +8,11 @@ import pytest
 from ledpi.core.records import Rejected
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.one_frame import read_deep_bands, read_frame
+from ledpi.decode.identify.one_frame import read_frame
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import SHORT_US, SPEC, TRUE_10_MS_US, Canvas, square, word
 from tests.builders.evidence_reference import word_log_likelihoods
-from tests.builders.samples import WEIGHER, evidence_at, observed, samples_of
+from tests.builders.samples import WEIGHER, evidence_at, observed, read_at
 
 BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 
@@ -27,7 +27,7 @@ def test_a_cell_that_is_surely_of_the_other_class_stays_so() -> None:
     left, right = true[3] - 0.2 * across, true[2] + 0.2 * across
     canvas.lamp(np.array([left + 0.105 * up, right + 0.105 * up, right - 0.2 * up, left - 0.2 * up]), 0.0)
     frame = canvas.frame()
-    assert isinstance(read_deep_bands(samples_of(frame, true), frame, BOOK), Rejected)
+    assert isinstance(read_at(frame, true, BOOK), Rejected)
 
 
 @pytest.mark.parametrize("side", [60.0, 130.0, 250.0])

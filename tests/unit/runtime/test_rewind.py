@@ -187,6 +187,26 @@ def test_more_than_it_can_write_is_refused(drive: Stream, tmp_path: Path, monkey
     assert len({future.result(limit_s()) for future in futures}) == MAX_WAITING + 1
 
 
+def test_where_no_thread_can_be_begun_it_is_said_and_the_next_one_is_whole(
+    drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rooms of what was refused are used for other frames."""
+
+    def refused(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    made = rewind_of(drive, tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", refused)
+        with pytest.raises(RecordingError, match="the system gives this process no further thread"):
+            made.save()
+    for frame, result in zip(drive.frames, drive.live, strict=True):
+        made.keep(later(frame, 10**12, 1000), result, 1)
+    path = made.save().result(limit_s())
+    assert len(list((path / "frames").iterdir())) == COUNT
+    assert list(tmp_path.glob("2*")) == [path]
+
+
 # ---- Memory
 
 

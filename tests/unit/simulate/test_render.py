@@ -7,10 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from evaluation.simulated import BuiltAppearance, Ripple
 from ledpi.core.geometry import transform
 from ledpi.core.records import Pixels
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Light, PanelAppearance, Ripple, Room, Scene, SquareWave
+from ledpi.simulate.scene import Light, PanelAppearance, Room, Scene, SquareWave
 from ledpi.simulate.trajectory import Gliding, Still, Trajectory, facing_camera
 from tests.builders.simulate import (
     DARK,
@@ -150,7 +151,7 @@ def test_cells_have_walls_hot_spots_and_gains() -> None:
 @pytest.mark.parametrize("equal", [False, True])
 def test_cells_of_one_size_or_on_a_lattice(equal: bool) -> None:
     """Walls of a tenth, on a lattice from column 252.8 to 259.2, between equal cells from 251.1 to 257.6."""
-    appearance = PanelAppearance(gap=0.1, bezel=0.1, falloff=0.0, hot_spot=0.0, albedo=0.0, equal_cells=equal)
+    appearance = BuiltAppearance(gap=0.1, bezel=0.1, falloff=0.0, hot_spot=0.0, albedo=0.0, equal_cells=equal)
     camera = sensor(PINHOLE, psf_sigma_px=0.0)
     row = Renderer(dark_scene(panel(standing(z_m=0.4), appearance=appearance), camera=camera), seed=5).light(0)[144]
     assert (row[252] < 0.1, row[258] > 0.1) == (equal, equal)

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from evaluation.simulated import TracedWave
 from ledpi.core.records import Floats
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import FIRST_READOUT_NS, Panel, TracedWave
+from ledpi.simulate.scene import FIRST_READOUT_NS, Panel
 from ledpi.simulate.trajectory import Gliding, Trajectory, facing_camera
 from tests.builders.simulate import FLAT, PINHOLE, dark_scene, panel, sensor, standing
 

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from ledpi import __version__
-from ledpi.recording.picture_text import text_of
+from ledpi.recording.picture import text_of
 from ledpi.tap.frames import camera_of, settings_of
 from ledpi.view import connections, pictures
 from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard, metrics_token

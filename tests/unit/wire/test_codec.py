@@ -177,7 +177,7 @@ def test_the_two_quaternions_of_a_rotation_are_one_on_the_wire() -> None:
     ],
 )
 def test_a_message_that_contradicts_itself_is_refused(build: Callable[[], Message], says: str | None) -> None:
-    """Where it is made: its age, its ID, its flags."""
+    """Refuses it where it is made: its age, its ID, its flags."""
     with pytest.raises(WireError, match=says):
         build()
 

@@ -14,8 +14,6 @@ import pytest
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.panel.body import Body, back_dxf, front_dxf, walls_dxf, walls_stl
 
-ezdxf = pytest.importorskip("ezdxf")
-
 
 def body(side_mm: float = 160.0, leds: int = 3) -> Body:
     return Body(codeword=load_dictionary("DICT_4X4_50").codeword(7), side_mm=side_mm, leds=leds)
@@ -23,6 +21,8 @@ def body(side_mm: float = 160.0, leds: int = 3) -> Body:
 
 def read(dxf: str) -> tuple[list[np.ndarray], list[Any]]:
     """Outlines (n, 2) and circles, by ezdxf, which finds no fault in the file."""
+    import ezdxf  # here, as it takes as long as a fifth of all else that tests import
+
     document = ezdxf.read(io.StringIO(dxf))
     assert not document.audit().errors
     assert document.header["$INSUNITS"] == 4  # millimetres
