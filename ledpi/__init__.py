@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ledpi.api import Fix, Lens, Marker, Reader, Reason, Stream
+    from ledpi.api import Fix, Lens, Marker, Reader, Reason, State, Stream
     from ledpi.core.errors import LedpiError, PictureError
 
 __version__ = "0.2.0"
-__all__ = ["Fix", "LedpiError", "Lens", "Marker", "PictureError", "Reader", "Reason", "Stream", "__version__"]
+__all__ = ["Fix", "LedpiError", "Lens", "Marker", "PictureError", "Reader", "Reason", "State", "Stream", "__version__"]
 
 
 def __getattr__(name: str) -> object:

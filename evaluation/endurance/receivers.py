@@ -1,6 +1,6 @@
 """Corrupted streams into both receivers, Python's and C's: is a false packet ever accepted, or a whole one missed?
 
-Frames of all three kinds, of which most are damaged as lines damage them: flipped bits, bytes lost, doubled, put in
+Frames of all kinds, of which most are damaged as lines damage them: flipped bits, bytes lost, doubled, put in
 or exchanged, delimiters lost or put in, noise, two frames run together. Whatever lies between two delimiters and is
 byte for byte a frame that was sent must be received; nothing else may be. Both must agree to the last counter.
 Exit status 1 where one of this does not hold. Needs gcc.
@@ -16,7 +16,19 @@ import time
 from collections.abc import Callable
 
 from evaluation import end
-from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage, WirePose
+from ledpi.wire import (
+    FixMessage,
+    MarkerMessage,
+    Message,
+    Mode,
+    NoFix,
+    Receiver,
+    State,
+    StateMessage,
+    StatusMessage,
+    TimeAsk,
+    WirePose,
+)
 from ledpi.wire.codec import decode, encode
 from tests.builders.receiver import Received, received_in_c
 
@@ -25,8 +37,21 @@ POOL = 3000  # different frames
 
 
 def random_message(rng: random.Random) -> Message:
-    """Any of the three, with values over their whole ranges."""
-    kind = rng.randrange(3)
+    """Any that ledpi sends, with values over their whole ranges."""
+    kind = rng.randrange(5)
+    if kind == 4:
+        return TimeAsk(number=rng.getrandbits(16))
+    if kind == 3:
+        return StateMessage(
+            position_m=(rng.uniform(-838, 838), rng.uniform(-9, 9)),
+            yaw_rad=rng.uniform(-3.1, 3.1),
+            velocity=(rng.uniform(-2, 2), rng.uniform(-3, 3)),
+            deviations=(rng.uniform(0, 0.01), rng.uniform(0, 1), rng.uniform(0, 3)),
+            correlations=(rng.uniform(-1, 1), 0.0, 1.0),
+            clock_us=rng.getrandbits(32),
+            mode=rng.choice((Mode.PANELS, Mode.ODOMETRY)),
+            contested=rng.random() < 0.2,
+        )
     if kind == 2:
         state, no_fix = rng.choice(list(State)), rng.choice(list(NoFix))
         return StatusMessage(state=state, no_fix=no_fix, frames=rng.getrandbits(31), temperature_c=rng.randint(-40, 90))

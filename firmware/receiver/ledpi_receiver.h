@@ -1,4 +1,5 @@
-/* Receives ledpi's serial stream: bytes in, poses out. C99, no heap, no library, some 130 bytes of RAM.
+/* Receives ledpi's serial stream: bytes in, poses out; and writes what a controller may say. C99, no heap, no library,
+ * some 140 bytes of RAM, and 28 for what is written.
  *
  *     static ledpi_receiver receiver;               // all zero is its start
  *     …
@@ -22,9 +23,9 @@
 #define LEDPI_UNKNOWN_TEMPERATURE INT8_MIN       /* all other unknown values are their type's largest */
 
 /* What `ledpi_feed` has just completed. */
-typedef enum { LEDPI_NOTHING = 0, LEDPI_MARKER = 1, LEDPI_FIX = 2, LEDPI_STATUS = 3 } ledpi_kind;
+typedef enum { LEDPI_NOTHING = 0, LEDPI_MARKER = 1, LEDPI_FIX = 2, LEDPI_STATUS = 3, LEDPI_STATE = 4, LEDPI_TIME_ASK = 17 } ledpi_kind;
 
-typedef enum { LEDPI_STARTING, LEDPI_RUNNING, LEDPI_CAMERA_LOST, LEDPI_STOPPING, LEDPI_STATE_UNKNOWN = 255 } ledpi_state;
+typedef enum { LEDPI_STARTING, LEDPI_RUNNING, LEDPI_CAMERA_LOST, LEDPI_STOPPING, LEDPI_STATE_UNKNOWN = 255 } ledpi_daemon_state;
 
 /* Why there is no fix: every value but the first. */
 typedef enum {
@@ -67,7 +68,7 @@ typedef struct {
 } ledpi_fix;
 
 typedef struct {
-    uint8_t state;  /* a ledpi_state */
+    uint8_t state;  /* a ledpi_daemon_state */
     uint8_t no_fix; /* a ledpi_no_fix */
     uint8_t panels_in_view;
     int8_t temperature_c;
@@ -76,11 +77,31 @@ typedef struct {
     uint32_t uptime_s, frames, frames_dropped, markers, packets_dropped;
 } ledpi_status;
 
+/* What the state rests on at the moment it holds. LEDPI_BY_PANELS: no odometry was heard, it goes on as it moved. */
+typedef enum { LEDPI_NO_STATE, LEDPI_BY_PANELS, LEDPI_BY_ODOMETRY } ledpi_mode;
+
+/* map_from_base_link in the plane; without a state (`mode`) all numbers but the last three mean nothing. */
+typedef struct {
+    int32_t x_100um, y_100um;
+    int16_t yaw_100urad, speed_mm_s, turn_mrad_s; /* to the left; ahead; to the left */
+    uint32_t deviations[3];                       /* of x and y in 0.1 mm, of yaw in 0.1 mrad */
+    int8_t correlations_127[3];                   /* x with y, x with yaw, y with yaw; 127 is 1 */
+    uint32_t clock_us;                            /* yours, at which it holds, if `has_clock` */
+    uint16_t panel_age_ms, way_cm;                /* since the newest panel's picture; 65534: that or more */
+    uint8_t mode;                                 /* a ledpi_mode */
+    bool has_clock;
+    bool contested;                              /* another pose is possible; the deviations span both */
+    bool panel_moved;                            /* a panel hangs elsewhere than the map says */
+    uint8_t map_resets, relocalisations, panels; /* after a change of the first two, forget older states */
+} ledpi_state;
+
 typedef struct {
     union {
         ledpi_marker marker;
         ledpi_fix fix;
         ledpi_status status;
+        ledpi_state state;
+        uint16_t time_number; /* of LEDPI_TIME_ASK: answer it by `ledpi_write_time` */
     } message;         /* the one that `ledpi_feed` has just completed, until it is called again */
     uint16_t sequence; /* of the newest frame whose CRC was right */
     uint32_t good, lost, restarts;
@@ -195,6 +216,38 @@ static inline ledpi_fault ledpi_read_fix(const uint8_t *b, ledpi_fix *fix)
     return has_pose ? fault : LEDPI_VALUE;
 }
 
+static inline ledpi_fault ledpi_read_state(const uint8_t *b, ledpi_state *state)
+{
+    const uint8_t flags = b[30], mode = flags & 7;
+    uint8_t unknown = 0; /* of 11 numbers: all or none */
+    if (flags & 0xC0 || mode > LEDPI_BY_ODOMETRY)
+        return LEDPI_OTHER_FLAGS;
+    state->x_100um = ledpi_i24(b + 4);
+    state->y_100um = ledpi_i24(b + 7);
+    state->yaw_100urad = (int16_t)ledpi_u16(b + 10);
+    state->speed_mm_s = (int16_t)ledpi_u16(b + 12);
+    state->turn_mrad_s = (int16_t)ledpi_u16(b + 14);
+    ledpi_deviations(b + 16, state->deviations);
+    for (uint8_t i = 0; i < 3; i++) {
+        state->correlations_127[i] = (int8_t)b[19 + i];
+        unknown = (uint8_t)(unknown + (b[16 + i] == 255) + (b[19 + i] == 0x80) + (ledpi_u16(b + 10 + 2 * i) == 0x8000));
+    }
+    unknown = (uint8_t)(unknown + (state->x_100um == -0x800000L) + (state->y_100um == -0x800000L));
+    state->clock_us = ledpi_u32(b + 22);
+    state->panel_age_ms = ledpi_u16(b + 26);
+    state->way_cm = ledpi_u16(b + 28);
+    state->mode = mode;
+    state->contested = flags & 8;
+    state->panel_moved = flags & 16;
+    state->has_clock = !(flags & 32);
+    state->map_resets = b[31];
+    state->relocalisations = b[32];
+    state->panels = b[33];
+    if (unknown != (mode == LEDPI_NO_STATE ? 11 : 0))
+        return LEDPI_VALUE;
+    return mode != LEDPI_NO_STATE && (state->yaw_100urad > 32000 || state->yaw_100urad < -32000) ? LEDPI_VALUE : LEDPI_WHOLE;
+}
+
 static inline void ledpi_read_status(const uint8_t *b, ledpi_status *status)
 {
     status->state = b[4] > LEDPI_STOPPING ? (uint8_t)LEDPI_STATE_UNKNOWN : b[4];
@@ -245,14 +298,20 @@ static inline ledpi_fault ledpi_open(ledpi_receiver *r)
     ledpi_count_lost(r, ledpi_u16(b + 2));
     if (b[0] != LEDPI_VERSION)
         return LEDPI_OTHER_VERSION;
-    if (b[1] < LEDPI_MARKER || b[1] > LEDPI_STATUS)
+    if ((b[1] < LEDPI_MARKER || b[1] > LEDPI_STATE) && b[1] != LEDPI_TIME_ASK)
         return LEDPI_OTHER_TYPE;
-    if (count != 38)
+    if (count != (b[1] == LEDPI_TIME_ASK ? 10 : 38))
         return LEDPI_LENGTH;
     if (b[1] == LEDPI_MARKER)
         return ledpi_read_marker(b, &r->message.marker);
     if (b[1] == LEDPI_FIX)
         return ledpi_read_fix(b, &r->message.fix);
+    if (b[1] == LEDPI_STATE)
+        return ledpi_read_state(b, &r->message.state);
+    if (b[1] == LEDPI_TIME_ASK) {
+        r->message.time_number = ledpi_u16(b + 4);
+        return LEDPI_WHOLE;
+    }
     ledpi_read_status(b, &r->message.status);
     return LEDPI_WHOLE;
 }
@@ -312,6 +371,82 @@ static inline bool ledpi_guard_may_drive(ledpi_guard *guard, uint32_t now_ms)
     if (guard->has_fix && now_ms - guard->exposed_ms >= guard->timeout_ms)
         guard->has_fix = false;
     return guard->has_fix;
+}
+
+/* What a controller may say: its odometry, 10 to 100 times a second, and answers to each LEDPI_TIME_ASK.
+ *
+ *     static ledpi_sender sender;                   // all zero is its start
+ *     static uint8_t buffer[LEDPI_ODOMETRY_BYTES];  // for either
+ *     …
+ *     if (ledpi_feed(&receiver, byte) == LEDPI_TIME_ASK) {
+ *         const uint32_t arrived_us = micros();     // better: as the interrupt took the byte in
+ *         …                                         // whatever else there is to do, while the line is free at last
+ *         Serial.write(buffer, ledpi_write_time(buffer, &sender, receiver.message.time_number, arrived_us, micros()));
+ *     }
+ */
+#define LEDPI_ODOMETRY_BYTES 28
+#define LEDPI_TIME_BYTES 21
+#define LEDPI_NO_TOTAL INT32_MIN
+
+/* Running totals, which may wrap: a lost message loses no way. */
+typedef struct {
+    uint32_t clock_us;                  /* when they were read; the clock of the answers */
+    int32_t left_100um, right_100um;    /* each wheel's way, ahead; LEDPI_NO_TOTAL, both: there are no wheels */
+    int32_t yaw_100urad;                /* of a gyro, to the left; LEDPI_NO_TOTAL: there is none */
+    bool restarted, lifted, slipping;   /* the totals begin anew; the robot may be anywhere; the wheels tell nothing */
+} ledpi_odometry;
+
+typedef struct {
+    uint16_t sequence;
+} ledpi_sender;
+
+static inline uint8_t *ledpi_put_u32(uint8_t *b, uint32_t value)
+{
+    for (uint8_t i = 0; i < 4; i++, value >>= 8)
+        *b++ = (uint8_t)value;
+    return b;
+}
+
+/* Makes a frame of the body that begins at buffer + 6 and ends before `end`. Returns its length, a zero ahead counted. */
+static inline uint8_t ledpi_seal(uint8_t *buffer, ledpi_sender *sender, uint8_t type, uint8_t *end)
+{
+    uint8_t *block = buffer + 1; /* COBS in place: each zero, and the byte ahead, say how far it is to the next */
+    buffer[0] = 0;
+    buffer[2] = LEDPI_VERSION;
+    buffer[3] = type;
+    buffer[4] = (uint8_t)sender->sequence;
+    buffer[5] = (uint8_t)(sender->sequence >> 8);
+    sender->sequence = sender->sequence == UINT16_MAX ? 1 : (uint16_t)(sender->sequence + 1);
+    end = ledpi_put_u32(end, ledpi_crc32(buffer + 2, (uint8_t)(end - buffer - 2)));
+    for (uint8_t *b = buffer + 2; b < end; b++)
+        if (*b == 0) {
+            *block = (uint8_t)(b - block);
+            block = b;
+        }
+    *block = (uint8_t)(end - block);
+    *end = 0;
+    return (uint8_t)(end + 1 - buffer);
+}
+
+/* Into LEDPI_ODOMETRY_BYTES of `buffer`; returns how many those are. */
+static inline uint8_t ledpi_write_odometry(uint8_t *buffer, ledpi_sender *sender, const ledpi_odometry *odometry)
+{
+    uint8_t *b = ledpi_put_u32(buffer + 6, odometry->clock_us);
+    b = ledpi_put_u32(b, (uint32_t)odometry->left_100um);
+    b = ledpi_put_u32(b, (uint32_t)odometry->right_100um);
+    b = ledpi_put_u32(b, (uint32_t)odometry->yaw_100urad);
+    *b++ = (uint8_t)((odometry->restarted ? 1 : 0) | (odometry->lifted ? 2 : 0) | (odometry->slipping ? 4 : 0));
+    return ledpi_seal(buffer, sender, 16, b);
+}
+
+/* Into LEDPI_TIME_BYTES of `buffer`. `arrived_us`: as the question's last byte came; `left_us`: as this answer's first
+ * byte leaves. How long the answer waits between them is no matter, so it may wait for a free line. */
+static inline uint8_t ledpi_write_time(uint8_t *buffer, ledpi_sender *sender, uint16_t number, uint32_t arrived_us, uint32_t left_us)
+{
+    uint8_t *b = ledpi_put_u32(ledpi_put_u32(buffer + 8, arrived_us), left_us);
+    buffer[6] = (uint8_t)number;
+    buffer[7] = (uint8_t)(number >> 8);
+    return ledpi_seal(buffer, sender, 18, b);
 }
 
 #endif

@@ -16,7 +16,7 @@ from ledpi.api.marker import Fix, Marker, fix_of, marker_of
 from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import ConfigError, PictureError
-from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, Pixels
+from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, MarkerPose, Pixels
 from ledpi.core.wording import shortened
 from ledpi.diagnosis.diagnose import not_read_in
 from ledpi.diagnosis.why_not import WhyNot
@@ -28,7 +28,7 @@ from ledpi.recording.still import still_camera
 # What programs have: cv2.imread gives None where it cannot read a file, and its stubs know no dtype.
 Image: TypeAlias = "NDArray[Any] | None"
 _GREY = "must be grey, (height, width) uint8"
-_OUR_KEYS = re.compile(r"^configuration: (panels|camera|robot)\.")
+_OUR_KEYS = re.compile(r"^configuration: ((panels|camera|robot)\.|(?=odometry\.))")
 
 
 def checked_picture(image: object) -> Pixels:
@@ -108,6 +108,7 @@ class Read(NamedTuple):
     markers: list[Marker]
     fix: Fix | None
     rejected: dict[str, int]  # how often each reason
+    poses: tuple[MarkerPose, ...]  # the same as the markers, as the decoder has them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,7 +161,7 @@ class Decoder:
         decoded = self._pipeline.decode(self._frame(picture, seq, time_ns))
         reasons = Counter(rejected.key for rejected in decoded.rejected)
         markers = [marker_of(marker) for marker in decoded.markers]
-        return Read(markers, fix_of(decoded.robot), dict(sorted(reasons.items())))
+        return Read(markers, fix_of(decoded.robot), dict(sorted(reasons.items())), decoded.markers)
 
     def why_not(self, picture: Pixels) -> list[Reason]:
         """Explains a picture that stands alone."""

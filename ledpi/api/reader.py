@@ -25,6 +25,7 @@ from ledpi.api.exposed import (
 )
 from ledpi.api.lens import Lens
 from ledpi.api.marker import Fix, Marker
+from ledpi.api.state import State, Whereabouts, whole_ns
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.panels import PanelSettings
 from ledpi.config.robot import load_own_map
@@ -96,6 +97,7 @@ class Stream(_Reading):
         self._decoder: Decoder | None = None  # of the first picture's size
         self._seq = 0
         self._last_ns: int | None = None
+        self._whereabouts = Whereabouts(panels.config())
 
     def read(self, image: Image, *, time_ns: int) -> list[Marker]:
         """The markers in the next picture, the surest first.
@@ -111,18 +113,43 @@ class Stream(_Reading):
         with self._guard:
             return self._next(image, time_ns)
 
+    def add_odometry(
+        self,
+        *,
+        time_ns: int,
+        left_m: float | None = None,
+        right_m: float | None = None,
+        yaw_rad: float | None = None,
+        restarted: bool = False,
+        lifted: bool = False,
+        slipping: bool = False,
+    ) -> str | None:
+        """Takes how the robot moved: totals that run on, of each wheel's way ahead, and of a gyro's angle to the left.
+
+        `time_ns` is on the clock of the pictures; up to 2 s late, in any order. `restarted`: the totals begin anew;
+        `lifted`: the robot may be anywhere; `slipping`: the wheels tell nothing since the message before. Returns why
+        it is not used, a reason of docs/troubleshooting.md. Raises PictureError for what is no number.
+        """
+        with self._guard:
+            totals = {"left_m": left_m, "right_m": right_m, "yaw_rad": yaw_rad}
+            flags = {"restarted": restarted, "lifted": lifted, "slipping": slipping}
+            return self._whereabouts.add_odometry(time_ns, totals, flags)
+
+    def state(self, time_ns: int) -> State | None:
+        """Tells where the robot is at a time, between pictures, too; None where that is not known, or without a map."""
+        with self._guard:
+            return self._whereabouts.at(time_ns)
+
     def _next(self, image: Image, time_ns: int) -> list[Marker]:
         picture = checked_picture(image)
-        try:
-            time_ns = operator.index(time_ns)
-        except TypeError:
-            raise PictureError(f"time_ns: must be whole nanoseconds, not {shortened(time_ns)}") from None
+        time_ns = whole_ns(time_ns)
         if self._last_ns is not None and time_ns <= self._last_ns:
             raise PictureError(f"time_ns: must be after the picture's before, {self._last_ns}, not {time_ns}")
         if self._decoder is None:
             self._decoder = Decoder(self._panels, self._exposure, picture, stream=True)
         self._read = self._decoder.read(picture, self._seq, time_ns)
         self._seq, self._last_ns = self._seq + 1, time_ns
+        self._whereabouts.add_markers(self._read.poses)
         return list(self._read.markers)
 
 
@@ -133,7 +160,8 @@ class Reader(_Reading):
     a `Lens`, or None: then there are IDs and corners, but no poses. `transfer` is the camera's tone: "srgb" as most
     deliver it, "linear" as `ledpi run` sets the Pi's. `overrides` by ID: panels that differ, as {7: {"side_m": 0.3}}.
     `map` is the path of a markers.yaml; with it and a lens `fix` says where the robot is, and `camera_mount` how the
-    camera sits on it. All others are as the configuration's keys of these names.
+    camera sits on it. A stream's `state` says it between pictures, too, by `odometry`: {"base_m": 0.3}, between the
+    wheels, where there is no gyro. All others are as the configuration's keys of these names.
 
     Raises ConfigError, which begins with the argument's name, where a value cannot be, CalibrationError where the
     lens's file cannot be used.
@@ -158,6 +186,7 @@ class Reader(_Reading):
         upright: bool = False,
         map: str | PathLike[str] | None = None,
         camera_mount: Mapping[str, Sequence[float]] | None = None,
+        odometry: Mapping[str, Any] | None = None,
         transfer: Transfer = "srgb",
         rows_from: RowsFrom = "above",
     ) -> None:
@@ -173,6 +202,7 @@ class Reader(_Reading):
             override("panels.upright", upright),
             override("map", None if map is None else fspath(_path("map", map))),
             override("robot.camera_mount", _mapping("camera_mount", camera_mount, '{"rpy_deg": [0, -90, 0]}')),
+            override("odometry", _mapping("odometry", odometry, '{"base_m": 0.3}')),
             override("camera.transfer", transfer),
             override("camera.rows_from", rows_from),
         )

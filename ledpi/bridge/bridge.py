@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -33,6 +34,7 @@ class Mail:
     setup: Line | None = None  # a `hello`
     frame: Line | None = None  # a `decoded`
     health: Line | None = None
+    robot: Line | None = None  # a `robot_state`
     state: str | None = None  # of the daemon, where it has changed
 
 
@@ -53,6 +55,7 @@ class Mailbox:
                 setup=mail.setup or old.setup,
                 frame=mail.frame or old.frame,
                 health=mail.health or old.health,
+                robot=mail.robot or old.robot,
                 state=mail.state or old.state,
             )
             self._changed.notify()
@@ -165,6 +168,8 @@ class Bridge:
                 self._target.tell_state(self._state, mail.health)
             if mail.frame is not None:
                 self._send(mail.frame)
+            if mail.robot is not None:
+                self._takes(self._target.send_robot, mail.robot, time.monotonic_ns())
             self._target.tick()
         except TargetLostError as error:
             self._lose(error)
@@ -176,7 +181,7 @@ class Bridge:
             self._note_stale(now_ns)
             return
         self._stale_since_ns = None
-        if self._takes(frame, now_ns):
+        if self._takes(self._target.send, frame, now_ns):
             self.counters.sent += 1
         else:
             self.counters.refused += 1
@@ -191,10 +196,10 @@ class Bridge:
             then = f"end other programs, take a smaller picture, or a larger outputs.{self._name}.max_age_ms"
             _log.warning(event("all_stale", output=self._name, error=said, then=then))
 
-    def _takes(self, frame: Line, now_ns: int) -> bool:
-        """Tells whether the target has it now. A frame that fits no message of it is refused, and stops nothing."""
+    def _takes(self, send: Callable[[Line, int], bool | None], line: Line, now_ns: int) -> bool:
+        """Tells whether the target has it now. A line that fits no message of it is refused, and stops nothing."""
         try:
-            return self._target.send(frame, now_ns)
+            return send(line, now_ns) is not False
         except TransientError:
             raise
         except (LedpiError, LookupError, TypeError, ValueError, AttributeError) as error:
@@ -252,4 +257,6 @@ def _mail_of(line: Line) -> Mail:
         return Mail(frame=line)
     if kind == "health":
         return Mail(health=line, state=str(line.get("state")))
+    if kind == "robot_state":
+        return Mail(robot=line)
     return Mail(state="no_daemon") if kind == "lost" else Mail()

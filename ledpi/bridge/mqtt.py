@@ -122,6 +122,10 @@ class MqttTarget:
             self._publish("robot", write_line(with_age(frame["robot"], now_ns)).rstrip())
         return True
 
+    def send_robot(self, state: Line, now_ns: int) -> None:
+        if self._has_room():
+            self._publish("robot_state", self._payload.robot(state, now_ns)[0].rstrip())
+
     def tell_state(self, state: str, health: Line | None) -> None:
         if not self._has_room():
             return

@@ -60,6 +60,9 @@ class NtTarget:
         self._instance.flush()
         return True
 
+    def send_robot(self, state: Line, now_ns: int) -> None:
+        """Nothing: WPILib's own estimator fuses the fixes."""
+
     def tell_state(self, state: str, health: Line | None) -> None:
         self._check()
         self._put("state", "String", state, 0)

@@ -26,6 +26,10 @@ class Payload(ABC):
     def frame(self, frame: Line, now_ns: int) -> list[bytes]:
         """One frame's datagrams; none where nothing was seen, if the form has nothing to say of that."""
 
+    def robot(self, state: Line, now_ns: int) -> list[bytes]:
+        """The bytes of where the robot is; none where the form has no place for it."""
+        return []
+
     @abstractmethod
     def state(self, state: str, health: Line | None) -> bytes:
         """The daemon's state in bytes."""
@@ -40,9 +44,9 @@ def payload_of(settings: OutputSettings) -> Payload:
     return JsonPayload() if settings.format == "json" else WirePayload()
 
 
-def with_age(values: Line, now_ns: int) -> Line:
-    """Adds how old it is (µs), and when it was exposed as Unix time (ns); both of `exposed_ns`."""
-    age_ns = now_ns - values["exposed_ns"]
+def with_age(values: Line, now_ns: int, key: str = "exposed_ns") -> Line:
+    """Adds how old it is (µs), and when it was exposed, or held, as Unix time (ns); both of `key`."""
+    age_ns = now_ns - values[key]
     return values | {"age_us": age_ns // 1000, "unix_ns": time.time_ns() - age_ns}
 
 
@@ -64,6 +68,10 @@ class BytesTarget(ABC):
     def send(self, frame: Line, now_ns: int) -> bool:
         return all(self._write(data) for data in self._payload.frame(frame, now_ns))
 
+    def send_robot(self, state: Line, now_ns: int) -> None:
+        for data in self._payload.robot(state, now_ns):
+            self._write(data)
+
     def tell_state(self, state: str, health: Line | None) -> None:
         self._write(self._payload.state(state, health))
 
@@ -77,6 +85,9 @@ class JsonPayload(Payload):
 
     def frame(self, frame: Line, now_ns: int) -> list[bytes]:
         return [write_line(with_host(with_age(frame, now_ns)))]
+
+    def robot(self, state: Line, now_ns: int) -> list[bytes]:
+        return [write_line(with_host(with_age(state, now_ns, "t_ns")))]
 
     def state(self, state: str, health: Line | None) -> bytes:
         return write_line(with_host(health or {"type": "state", "state": state}))

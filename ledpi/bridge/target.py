@@ -42,6 +42,9 @@ class Target(Protocol):
         `now_ns`: CLOCK_MONOTONIC, against which ages are taken. Raises TargetLostError.
         """
 
+    def send_robot(self, state: Line, now_ns: int) -> None:
+        """Hands over one `robot_state` line, where the target has a place for it. Raises TargetLostError."""
+
     def tell_state(self, state: str, health: Line | None) -> None:
         """Says how the daemon is: `running`, `no_daemon` …; `health`: each second its line. Raises TargetLostError."""
 

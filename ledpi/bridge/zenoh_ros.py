@@ -80,6 +80,10 @@ class ZenohTarget:
             self._put(message)
         return True
 
+    def send_robot(self, state: Line, now_ns: int) -> None:
+        for message in self._stream.robot(state, time.time_ns() - time.monotonic_ns()):
+            self._put(message)
+
     def tell_state(self, state: str, health: Line | None) -> None:
         self.tick()
         self._put(self._stream.health(state, health, time.time_ns()))

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import typer
@@ -20,15 +21,18 @@ from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
 from ledpi.core.row_clock import row_time_note
 from ledpi.core.wording import one_line
 from ledpi.decode.identify.frequency_search import off_frequency_note
-from ledpi.pipeline.of_config import pipeline_of
-from ledpi.pipeline.output import decoded_as_json
+from ledpi.pipeline.of_config import load_robot, pipeline_of
+from ledpi.pipeline.output import decoded_as_json, state_as_json
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.overrides import load_recording_with
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import Recording
 from ledpi.recording.still import read_still
+from ledpi.state.estimator import State
 from ledpi.tools.snapshot.record import take
 from ledpi.tools.snapshot.steps import draw_steps
+from ledpi.wire.diary import Replay, read_diary
+from ledpi.wire.keeper import Keeper
 
 OLD_STATE_FILE = "state.bin"  # of older recordings: what the decoder remembered
 
@@ -103,6 +107,7 @@ def _decode_recording(
         _note(f"{recording.folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}")
     lens = lens_of(camera, settings.camera.intrinsics)
     pipeline = pipeline_of(settings, camera, lens, recording.panel_values, stream=stream)
+    replay, state = _replay_of(recording, settings) if stream else None, None
     bad = 0
     if as_live and (recording.folder / OLD_STATE_FILE).exists():
         _note(f"{recording.folder}: {OLD_STATE_FILE} is not read; the first second may differ from what was live")
@@ -114,7 +119,11 @@ def _decode_recording(
         picture = np.empty((camera.height, camera.width), np.uint8)
         fault = read_picture(entry.picture, picture)
         if fault is None:
-            _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
+            decoded = _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
+            if replay is not None:
+                told = replay.take(decoded.seq, decoded.markers)
+                state = _newest(told, replay.host_offset_ns) if told else state
+            _print(decoded, name, {} if replay is None else {"state": state})
         else:
             _note(fault.message)
             _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
@@ -138,23 +147,35 @@ def _decode_pictures(stills: list[tuple[Path, Still]], steps: Path | None, *, ad
             _print(_nothing(seq, 0, Rejected(stage="capture", reason="unreadable")), str(path))
             bad += 1
         else:
-            _decode(frame, str(path), pipeline, still.lens, steps)
+            _print(_decode(frame, str(path), pipeline, still.lens, steps), str(path))
         advance(1)
     return bad
 
 
-def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None, steps: Path | None) -> None:
-    """Prints a frame; with a folder `steps`, draws into it how it was decoded."""
+def _replay_of(recording: Recording, settings: Config) -> Replay | None:
+    """None where nothing was recorded of how the robot moved, or there is no map."""
+    diary = read_diary(recording.folder)
+    if diary is None or settings.map is None:
+        return None
+    return Replay(Keeper(load_robot(settings), settings.odometry, settings.serial.baud), diary)
+
+
+def _newest(told: list[tuple[int, State | Rejected]], offset_ns: int) -> dict[str, Any]:
+    t_ns, state = told[-1]
+    return state_as_json(None if isinstance(state, Rejected) else state, t_ns, offset_ns)
+
+
+def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None, steps: Path | None) -> Decoded:
+    """One frame; with a folder `steps`, draws into it how it was decoded."""
     if steps is None:
-        _print(pipeline.decode(frame), name)
-        return
+        return pipeline.decode(frame)
     taken = take(f"{name}, frame {frame.seq}", frame, pipeline, lens)
     try:
         steps.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"--steps {steps}: cannot be made: {error.strerror}") from None
     write_drawn(steps / f"{frame.seq:06}.png", draw_steps(taken), "--steps")
-    _print(taken.decoded, name)
+    return taken.decoded
 
 
 def _nothing(seq: int, row0_readout_ns: int, why: Rejected) -> Decoded:
@@ -169,8 +190,8 @@ def _nothing(seq: int, row0_readout_ns: int, why: Rejected) -> Decoded:
     )
 
 
-def _print(decoded: Decoded, recording: str) -> None:
-    print(json.dumps(decoded_as_json(decoded, recording)), flush=True)
+def _print(decoded: Decoded, recording: str, more: dict[str, Any] | None = None) -> None:
+    print(json.dumps(decoded_as_json(decoded, recording) | (more or {})), flush=True)
 
 
 def _note(text: str) -> None:

@@ -23,7 +23,16 @@ from ledpi.diagnosis.why_not import WhyNot
 from ledpi.tap.client import Client, connect
 from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_of
 from ledpi.tools.monitor import Live
-from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, ReceiverCounters, StatusMessage, WirePose
+from ledpi.wire import (
+    FixMessage,
+    MarkerMessage,
+    Message,
+    Receiver,
+    ReceiverCounters,
+    StateMessage,
+    StatusMessage,
+    WirePose,
+)
 from ledpi.wire.line import open_port
 
 READ_TIMEOUT_S = 0.1
@@ -106,11 +115,12 @@ def _is_mavlink(data: bytes) -> bool:
 
 def json_line(message: Message) -> str:
     """The fields as in docs/wire.md, a pose's beside the others; null is unknown."""
-    kinds = {MarkerMessage: "marker", FixMessage: "fix", StatusMessage: "status"}
-    values: dict[str, Any] = {"message": kinds[type(message)]} | asdict(message)
+    values: dict[str, Any] = {"message": message.name} | asdict(message)
     if isinstance(message, StatusMessage):
         values |= {"state": message.state.name.lower(), "no_fix": message.no_fix.name.lower()}
-    else:
+    elif isinstance(message, StateMessage):
+        values["mode"] = message.mode.name.lower()
+    elif isinstance(message, MarkerMessage | FixMessage):
         pose = values.pop("pose") or {}
         values |= {key: pose.get(key) for key in _POSE_KEYS}
     return json.dumps(values)
@@ -118,9 +128,17 @@ def json_line(message: Message) -> str:
 
 def text_line(message: Message) -> str:
     """A line for the eye."""
-    if isinstance(message, MarkerMessage):
-        return _marker_text(message)
-    return _fix_text(message) if isinstance(message, FixMessage) else _status_text(message)
+    match message:
+        case MarkerMessage():
+            return _marker_text(message)
+        case FixMessage():
+            return _fix_text(message)
+        case StatusMessage():
+            return _status_text(message)
+        case StateMessage():
+            return _state_text(message)
+        case _:
+            return message.name
 
 
 def _marker_text(m: MarkerMessage) -> str:
@@ -134,6 +152,20 @@ def _fix_text(m: FixMessage) -> str:
     heading_deg = math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
     parts = [f"heading {heading_deg:+.1f}°", f"panels {m.panels_used}", f"age {m.age_us / 1e3:.1f} ms"]
     return "  ".join(["fix        ", _pose_text(m.pose), *parts])
+
+
+def _state_text(m: StateMessage) -> str:
+    cautions = [name for name in ("contested", "panel_moved") if getattr(m, name)]
+    if not (m.position_m and m.deviations and m.velocity) or m.yaw_rad is None:
+        return "  ".join(["state       none", *cautions])
+    (x, y), (dx, dy, dyaw), (speed, rate) = m.position_m, m.deviations, m.velocity
+    parts = [
+        f"state       xy {x:+.4f} {y:+.4f} ± {dx:.4f} {dy:.4f} m",
+        f"yaw {math.degrees(m.yaw_rad):+.2f} ± {math.degrees(dyaw):.2f}°",
+        f"{speed:+.3f} m/s {math.degrees(rate):+.1f}°/s",
+        f"by {m.mode.name.lower()}, panels {m.panels}, the newest {m.panel_age_ms} ms ago",
+    ]
+    return "  ".join([*parts, *cautions])
 
 
 def _pose_text(pose: WirePose) -> str:

@@ -15,7 +15,7 @@ from ledpi.config.named_files import read_password, tls_context
 from ledpi.config.overrides import apply_override, rename_method
 from ledpi.config.panels import check_bands_visible, check_panels
 from ledpi.config.robot import load_own_map
-from ledpi.config.settings import Config, check_method, resolve_paths, sections
+from ledpi.config.settings import Config, check_method, check_odometry, resolve_paths, sections
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.files import parse_yaml
 
@@ -55,6 +55,7 @@ def _values(
     checks: list[Callable[[], None]] = [
         lambda: check_panels(panels, where),
         lambda: check_method(config.decode.method, panels, f"{where}: decode.method"),
+        lambda: check_odometry(config, where),
     ]
     if row_time_us != "auto":
         checks.append(lambda: check_bands_visible(panels, float(row_time_us), where))

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, StrictBool
 
 from ledpi.config.mistakes import validated
+from ledpi.config.odometry import OdometrySettings
 from ledpi.config.outputs import OutputName, OutputSettings
 from ledpi.config.overrides import apply_override, rename_method
 from ledpi.config.panels import PanelSettings, check_bands_visible, check_panels
@@ -42,6 +43,7 @@ from ledpi.markers.dictionaries import is_file
 NO_CONFIGURATION = (
     "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml; `ledpi config init` writes one"
 )
+STATE_HZ = 50.0  # where there is odometry
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
 
@@ -100,6 +102,7 @@ class RobotSettings(Section):
     """The section `robot`."""
 
     camera_mount: CameraMount = CameraMount()
+    state_hz: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] | None = None
 
 
 class SerialSettings(Section):
@@ -150,12 +153,25 @@ class Config(Section):
     map: Path | None = None
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
+    odometry: OdometrySettings = OdometrySettings()
     outputs: Annotated[dict[OutputName, OutputSettings], Field(default_factory=dict)]
     rewind: RewindSettings = RewindSettings()
     tap: TapSettings = TapSettings()
     view: ViewSettings = ViewSettings()
     _from_command_line: frozenset[str] = PrivateAttr(default=frozenset())
     _file: Path | None = PrivateAttr(default=None)
+
+    @property
+    def state_hz(self) -> float:
+        """Rate at which the state is told; 0: never, and there is none."""
+        if self.robot.state_hz is not None:
+            return self.robot.state_hz
+        return 0.0 if self.odometry.source == "none" else STATE_HZ
+
+    @property
+    def hears_controller(self) -> bool:
+        """Tells whether what comes in on the serial port is read."""
+        return self.odometry.source == "serial" and self.state_hz > 0
 
     @property
     def from_command_line(self) -> frozenset[str]:
@@ -224,6 +240,17 @@ def check_together(config: Config, where: str) -> None:
     if config.camera.row_time_us != "auto":
         check_bands_visible(config.panels, config.camera.row_time_us, where)
     check_method(config.decode.method, config.panels, f"{where}: decode.method")
+    check_odometry(config, where)
+
+
+def check_odometry(config: Config, where: str) -> None:
+    """Raises ConfigError where nothing could bring it."""
+    if config.odometry.source != "serial":
+        return
+    if config.serial.port is None:
+        raise ConfigError(f"{where}: odometry.source: serial needs serial.port; without a controller: tap or none")
+    if config.serial.protocol != "ledpi":
+        raise ConfigError(f"{where}: odometry.source: serial needs serial.protocol: ledpi; MAVLink brings none")
 
 
 def check_method(method: Method, panels: PanelSettings, where: str) -> None:

@@ -284,3 +284,4 @@ class Decoded:
     robot: RobotFix | None
     rejected: tuple[Rejected, ...]
     stage_ms: dict[str, float]  # time spent, by stage, in the order of the path
+    diary: tuple[str, ...] = ()  # lines of controller.jsonl that came up since the frame before

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import asdict
 from typing import Any
 
 from ledpi.core.records import Decoded, MarkerPose, PlanarSolution, RobotFix
+from ledpi.state.estimator import State
 
 
 def decoded_as_json(decoded: Decoded, recording: str) -> dict[str, Any]:
@@ -18,6 +20,29 @@ def decoded_as_json(decoded: Decoded, recording: str) -> dict[str, Any]:
         "markers": [_marker(marker) for marker in decoded.markers],
         "robot": None if decoded.robot is None else _robot(decoded.robot),
         "rejected": dict(sorted(Counter(rejected.key for rejected in decoded.rejected).items())),
+    }
+
+
+def state_as_json(state: State | None, t_ns: int, offset_ns: int = 0) -> dict[str, Any]:
+    """The robot's state at a time; its numbers are null where there is none. `offset_ns` is taken off all times."""
+    if state is None:
+        keys = ("position_m", "yaw_rad", "covariance", "velocity", "panel_ns", "way_m")
+        nothing = {"panels": 0, "contested": False, "moved": [], "relocalisations": 0, "events": []}
+        return {"t_ns": t_ns - offset_ns, "mode": "none", **dict.fromkeys(keys), **nothing}
+    return {
+        "t_ns": state.t_ns - offset_ns,
+        "mode": "odometry" if state.by_odometry else "panels",
+        "position_m": [round(float(v), 6) for v in state.pose[:2]],
+        "yaw_rad": round(float(state.pose[2]), 7),
+        "covariance": [float(f"{v:.6g}") for v in state.covariance.ravel()],
+        "velocity": [round(state.speed_m_s, 4), round(state.turn_rad_s, 4)],
+        "panel_ns": state.panel_ns - offset_ns,
+        "way_m": round(state.way_m, 4),
+        "panels": state.panels,
+        "contested": state.contested,
+        "moved": list(state.moved),
+        "relocalisations": state.relocalisations,
+        "events": [asdict(event) | {"t_ns": event.t_ns - offset_ns} for event in state.events],
     }
 
 

@@ -23,6 +23,7 @@ Sides = Callable[[int], float]  # of a panel, by its ID: m
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 DOCK_POSE = "geometry_msgs/msg/PoseStamped"
 TF, TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
 DETECTIONS = "vision_msgs/msg/Detection3DArray"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -40,6 +41,8 @@ ROS_MODELS: Mapping[DistortionModel, str] = {
     "thin_prism": "rational_polynomial",
     "equidistant": "equidistant",
 }
+BASE_FRAME = "base_link"
+_PLANE = (0, 1, 5)  # of a pose's six: x, y, rotation about z
 _NO_POSITION, _NO_ROTATION = (math.nan,) * 3, (math.nan,) * 4
 
 
@@ -98,6 +101,28 @@ def frame_messages(frame: Values, names: Names, unix_offset_ns: int, side_m: Sid
     if (robot := frame["robot"]) is not None:
         messages.append(_pose(f"{names.topic}/pose", robot, robot["exposed_ns"] + unix_offset_ns, names.map_frame))
     return messages
+
+
+def odometry_messages(state: Values, names: Names, unix_offset_ns: int) -> list[Message]:
+    """The robot's state in the map's plane; none where there is none.
+
+    Height, roll and pitch are not known, nor what the velocity errs by.
+    """
+    if state["position_m"] is None:
+        return []
+    stamp_ns, (x, y), yaw = state["t_ns"] + unix_offset_ns, state["position_m"], state["yaw_rad"]
+    covariance = UNKNOWN_VARIANCE * np.eye(6)
+    covariance[np.ix_(_PLANE, _PLANE)] = np.reshape(state["covariance"], (3, 3))
+    pose = {"position_m": [x, y, 0.0], "quaternion_wxyz": [math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]}
+    speed, turn = state["velocity"]
+    twist = {"linear": {"x": speed, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": turn}}
+    values = {
+        "header": _header(stamp_ns, names.map_frame),
+        "child_frame_id": BASE_FRAME,
+        "pose": _with_covariance(pose | {"covariance": covariance.ravel().tolist()}),
+        "twist": {"twist": twist, "covariance": (UNKNOWN_VARIANCE * np.eye(6)).ravel().tolist()},
+    }
+    return [Message(f"{names.topic}/odometry", ODOMETRY, stamp_ns, values)]
 
 
 def health_message(

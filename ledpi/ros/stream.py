@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ledpi.ros.contents import Message, Names, Values, frame_messages, health_message
+from ledpi.ros.contents import Message, Names, Values, frame_messages, health_message, odometry_messages
 
 
 class RosStream:
@@ -22,6 +22,10 @@ class RosStream:
         against_map = (line["robot"] or {}).get("panels_rejected")
         self._contradicting |= bool(against_map) or "fix.panels_contradict" in line["rejected"]
         return frame_messages(line, self._names, unix_offset_ns, self._side_m)
+
+    def robot(self, line: Values, unix_offset_ns: int) -> list[Message]:
+        """The message of a `robot_state` line; none where there is no state."""
+        return odometry_messages(line, self._names, unix_offset_ns)
 
     def health(self, state: str, health: Values | None, stamp_ns: int) -> Message:
         """The message of a state, and of the `health` line that told it, if there was one."""

@@ -39,6 +39,7 @@ from ledpi.runtime.reload import NOTHING_LEFT, Left, publisher_of
 from ledpi.runtime.reporting import Watchdog, is_service, notify
 from ledpi.runtime.rewind import ASKED
 from ledpi.runtime.ring import FrameRing
+from ledpi.runtime.robot_state import Now, robot_state_of
 from ledpi.runtime.threads import Workers, keep_for_good, keep_memory, switch_promptly
 from ledpi.tap.server import Tap
 from ledpi.wire.message import NoFix, State, StatusMessage
@@ -90,16 +91,18 @@ class Daemon:
         _warn(config, self._pipeline, info, robot)
         resets = resets or Resets()
         resets.update_map(robot.panels)
-        self._publisher = publisher_of(config, robot.base_link_from_camera, resets, publisher)
         self._left = NOTHING_LEFT
         self._health = Health()
+        self._state = robot_state_of(config, robot, resets, self._tell_state, self._health.reject)
+        ear = self._state if config.hears_controller else None
+        self._publisher = publisher_of(config, robot.base_link_from_camera, resets, ear, publisher)
         self._noted_off_frequency: set[int] = set()  # panels that blink at other frequencies than configured
         self._liveness = Liveness()
         self._partial_results = 0  # of frames, as they were known
         self._status_lock = threading.Lock()
         self._asked_to_stop = False
         self._started_s = time.monotonic()
-        self._workers = Workers(self._capture, self._decode)
+        self._workers = Workers(self._capture, self._decode, *(() if self._state is None else (self._state.run,)))
 
     @property
     def calibrated(self) -> bool:
@@ -117,7 +120,7 @@ class Daemon:
         """Ends `run` soon, for a daemon with this configuration: what that would open in the same way stays open."""
         self._left = Left(
             camera=self._camera if is_same_camera(self._config, config) else None,
-            publisher=self._publisher if self._publisher.fits(config.serial) else None,
+            publisher=self._publisher if self._publisher.fits(config.serial, hears=config.hears_controller) else None,
         )
         self.stop()
 
@@ -146,7 +149,8 @@ class Daemon:
         self._publisher.set_status(STARTING)
         try:
             self._publisher.start()
-            self._observers.start()
+            state = self._state if self._config.odometry.source == "tap" else None
+            self._observers.start(None if state is None else state.tell_odometry)
             self._workers.start()
             notify("READY=1")
             self._watch(at_each_tick)
@@ -159,6 +163,8 @@ class Daemon:
 
     def _close(self) -> None:
         self._workers.stop.set()
+        if self._state is not None:
+            self._state.stop()
         self._observers.end()
         if self._left.camera is None or not self._workers.join(self._capture):  # a camera that hangs is opened again
             self._left = self._left._replace(camera=None)
@@ -182,6 +188,10 @@ class Daemon:
     def _close_camera(self) -> None:
         with suppress(CameraError, OSError):
             self._camera.close()
+
+    def _tell_state(self, now: Now) -> None:
+        self._publisher.set_state(now.message, now.t_ns)
+        self._observers.send_state(now)
 
     def _capture(self) -> None:
         while not self._workers.stop.is_set():
@@ -232,6 +242,8 @@ class Daemon:
         if self._pacing is not None:
             path.search_budget = self._pacing.budget_after(path.spent - spent, sum(decoded.stage_ms.values()))
         self._gain.update(frame, decoded)
+        if self._state is not None:
+            decoded = self._state.see(decoded)
         self._observers.keep(frame, decoded, budget, trace)
         self._ring.release()
         self._health.add(decoded)

@@ -20,7 +20,7 @@ import numpy as np
 from ledpi.core.records import Decoded, Frame
 
 # Of what was decoded, as Python holds it; a little more than it is.
-_MARKER_BYTES, _FRAME_BYTES = 4096, 2048
+_MARKER_BYTES, _FRAME_BYTES, _LINE_BYTES = 4096, 2048, 320
 # Kept beyond what is asked for: who decodes it again has to find and read the panels first, as live once.
 RUN_IN_NS = 1_000_000_000
 SPARE = 2  # pictures' rooms that stay free, so that the next frame has one when all others are handed over
@@ -46,7 +46,7 @@ class KeptFrame(NamedTuple):
 
 def side_bytes(decoded: Decoded) -> int:
     """That a frame takes beside its picture, in memory."""
-    return _FRAME_BYTES + _MARKER_BYTES * len(decoded.markers)
+    return _FRAME_BYTES + _MARKER_BYTES * len(decoded.markers) + _LINE_BYTES * len(decoded.diary)
 
 
 class FrameBuffers(ABC):

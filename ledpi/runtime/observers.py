@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Callable
 from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,11 @@ from ledpi.pose.panel_map import PanelMap
 from ledpi.runtime.kept_takes import KeptTakes
 from ledpi.runtime.reporting import event
 from ledpi.runtime.rewind import ASKED, Rewind
+from ledpi.runtime.robot_state import Now
 from ledpi.runtime.takes import Shown
 from ledpi.runtime.tap_recorder import TapRecorder
+from ledpi.state.inputs import Odometry
+from ledpi.tap import messages
 from ledpi.tap.messages import Setup
 from ledpi.tap.places import AUTO, to_serve
 from ledpi.tap.protocol import COMMANDS, Request
@@ -87,14 +92,16 @@ class Observers:
         self._rewind = Rewind(config.rewind, shown, period_ms) if config.rewind.seconds else None
         self._recorder = None if tap is None else TapRecorder(shown)
 
-    def start(self) -> None:
-        """Before the first frame."""
+    def start(self, odometry: Callable[[Odometry], None] | None) -> None:
+        """Before the first frame. `odometry` takes that of the tap's clients; None: theirs is not asked for."""
         if self._tap is None or self._recorder is None:
             return
         if self._rewind is not None:
             self._tap.offer("save", self._save_for_tap)
         self._tap.offer("record", self._recorder.record)
         self._tap.offer("record_stop", self._recorder.stop)
+        if odometry is not None:
+            self._tap.offer("odometry", partial(_pass_odometry, odometry))
         kept = KeptTakes()
         self._tap.offer("takes", kept.list)
         self._tap.offer("take", kept.read)
@@ -137,6 +144,11 @@ class Observers:
             kept_s = None if self._rewind is None else round(self._rewind.kept_s, 1)
             self._tap.tell(health | {"kept_s": kept_s})
 
+    def send_state(self, now: Now) -> None:
+        """To the followers of the tap; from the state's own thread."""
+        if self._tap is not None and self._tap.is_followed:
+            self._tap.tell_state(messages.robot_state(now.state, now.t_ns, now.message))
+
     def end(self) -> None:
         """No more frames are written than wait already."""
         if self._rewind is not None:
@@ -156,3 +168,9 @@ class Observers:
 
     def _save_for_tap(self, request: Request) -> dict[str, Any]:
         return {"path": str(self.save().result())}
+
+
+def _pass_odometry(take: Callable[[Odometry], None], request: Request) -> dict[str, Any]:
+    assert request.odometry is not None
+    take(request.odometry)
+    return {}

@@ -16,6 +16,7 @@ from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Floats
 from ledpi.recording.overrides import load_recording_with
+from ledpi.wire.ear import Ear
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.publisher import Publisher
 from ledpi.wire.resets import Resets
@@ -42,7 +43,7 @@ NOTHING_LEFT = Left(camera=None, publisher=None)
 
 
 def publisher_of(
-    config: Config, base_link_from_camera: Floats, resets: Resets, left: Publisher | None = None
+    config: Config, base_link_from_camera: Floats, resets: Resets, ear: Ear | None, left: Publisher | None = None
 ) -> Publisher:
     """The one that was left, as this configuration has it, or a new one, not started.
 
@@ -57,8 +58,8 @@ def publisher_of(
             resets=resets,
         )
     if left is None:
-        return Publisher(config.serial, mavlink, map_resets=resets.maps)
-    left.begin_anew(config.serial, mavlink, map_resets=resets.maps)
+        return Publisher(config.serial, mavlink, map_resets=resets.maps, ear=ear)
+    left.begin_anew(config.serial, mavlink, map_resets=resets.maps, ear=ear)
     return left
 
 

@@ -30,6 +30,7 @@ from ledpi.recording.writer import RecordingWriter
 from ledpi.runtime.kept_frames import FrameBuffers, KeptFrame
 from ledpi.runtime.reporting import event
 from ledpi.runtime.threads import NO_THREAD
+from ledpi.wire.diary import DIARY_FILE
 
 LIVE_FILE = "live.jsonl"
 PART = ".part"  # how the name of a recording ends until it is whole, where somebody might take it for that
@@ -55,6 +56,7 @@ class TakeWriter(RecordingWriter):
 
     written = 0  # frames by `write_kept`
     _live: FileIO | None = None
+    _diary: FileIO | None = None
 
     @property
     def path(self) -> Path:
@@ -70,8 +72,9 @@ class TakeWriter(RecordingWriter):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         super().__exit__(kind, error, trace)
-        if self._live is not None:
-            self._live.close()
+        for file in (self._live, self._diary):
+            if file is not None:
+                file.close()
 
     def write_live(self, frame: Frame, decoded: Decoded) -> None:
         """Adds what was decoded of a frame, which may be written later. From another thread, too."""
@@ -83,6 +86,9 @@ class TakeWriter(RecordingWriter):
         self.write(frame, decoded=True, search_budget=kept.search_budget, wall_clock_offset_ns=unix_offset_ns(frame))
         self.written += 1
         self.write_live(frame, kept.decoded)
+        if kept.decoded.diary:
+            self._diary = self._diary or self._create(DIARY_FILE)
+            self._append(self._diary, "\n".join(kept.decoded.diary))
 
 
 class Shown(NamedTuple):

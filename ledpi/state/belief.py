@@ -16,7 +16,7 @@ from ledpi.core.records import MAX_GAP_NS, Floats
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.state.filter import GATE, MIRROR_LEAD, Filter, Innovation
 from ledpi.state.inputs import Look, wrapped
-from ledpi.state.motion import OWN, POSE, YAW, Step
+from ledpi.state.motion import OWN, POSE, SPEED, YAW, Step
 
 MISPLACED = 0.5**2  # variance, m² and rad², of how far off a panel is that was hung or measured wrong
 AGREES = -EXCLUDED_BY / 2  # χ² by which a look says that its panel hangs right, and no other way
@@ -98,6 +98,7 @@ class Judge:
     contradicting: frozenset[int] = frozenset()
     relocalisations: int = 0
     used_ns: int = 0
+    way_m: float = 0.0  # driven since, forward or back
     events: tuple[Event, ...] = ()
 
     def copy(self) -> Judge:
@@ -107,6 +108,7 @@ class Judge:
     def propagate(self, step: Step) -> None:
         """Moves both."""
         self.belief.filter.propagate(step)
+        self.way_m += abs(float(self.belief.filter.x[SPEED]) * step.dt_s)  # the speed is the step's, if it was measured
         if self.rival is not None:
             self.rival.belief.filter.propagate(step)
             if not self.rival.belief.filter.has_pose:
@@ -118,7 +120,7 @@ class Judge:
         if not belief.filter.has_pose:
             if look.alternate is None and panel not in self.moved:
                 belief.start(look)
-                self.rival, self.used_ns = None, look.t_ns
+                self.rival, self.used_ns, self.way_m = None, look.t_ns, 0.0
             return
         innovation = belief.filter.compare(look)
         if panel in self.moved:
@@ -126,7 +128,7 @@ class Judge:
             return
         doubted = self.rival is not None and self.rival.founder == panel and evidence(innovation) > AGREES
         if not doubted and belief.hear(look, innovation):
-            self.used_ns = look.t_ns
+            self.used_ns, self.way_m = look.t_ns, 0.0
             self._accepted(look, innovation.chi2)
         else:
             self._refused(look)
@@ -194,7 +196,7 @@ class Judge:
             if self._is_apart(rival.belief.filter, self.belief.filter.covariance):
                 self.relocalisations += 1
                 self._tell(Event(look.t_ns, "relocalised", look.panel))
-            self.belief, self.rival, self.used_ns = rival.belief, None, look.t_ns
+            self.belief, self.rival, self.used_ns, self.way_m = rival.belief, None, look.t_ns, 0.0
 
     def _begin(self, look: Look) -> None:
         """Begins a rival at a look that leaves no choice, with what is known of odometry; of panels, if two agreed."""

@@ -44,6 +44,8 @@ class State:
     speed_m_s: float
     turn_rad_s: float
     panel_ns: int  # when a panel was last used
+    way_m: float  # driven since
+    by_odometry: bool  # else none was heard of late, and it goes on as it moved
     panels: int  # that are followed in the state
     contested: bool  # another pose is possible
     moved: tuple[int, ...]  # panels that hang elsewhere than the map says
@@ -117,7 +119,8 @@ class Estimator:
 
     def add_markers(self, markers: Iterable[MarkerPose], now_ns: int) -> tuple[Rejected, ...]:
         """Takes the panels of a frame. Returns why some tell nothing of the robot."""
-        panels = [(marker, self._panels.get(marker.detection.id)) for marker in markers]
+        new = (marker for marker in markers if not self._is_known(marker.mid_exposure_ns, marker.detection.id))
+        panels = [(marker, self._panels.get(marker.detection.id)) for marker in new]
         looks = [NOT_IN_MAP if p is None else look_of(marker, p, self._base_from_camera) for marker, p in panels]
         told = [look if isinstance(look, Rejected) else self._add(look, now_ns) for look in looks]
         return tuple(each for each in told if each is not None)
@@ -154,12 +157,18 @@ class Estimator:
             speed_m_s=float(own.x[SPEED]),
             turn_rad_s=float(own.x[TURN]),
             panel_ns=judge.used_ns,
+            way_m=judge.way_m,
+            by_odometry=head.last is not None and head.t_ns - head.last.t_ns <= SILENT_NS,
             panels=len(own.slots),
             contested=judge.rival is not None,
             moved=tuple(sorted(judge.moved)),
             relocalisations=judge.relocalisations,
             events=judge.events,
         )
+
+    def _is_known(self, t_ns: int, panel: int) -> bool:
+        """Tells whether an earlier look of the same span is there, beside which this one says nothing new."""
+        return self._first_ns.get((t_ns // SPAN_NS, panel), t_ns + 1) <= t_ns
 
     def _add(self, what: Input, now_ns: int) -> Rejected | None:
         """Takes an input that arrives at `now_ns`, and does again what came after it. Returns why it is not used."""
@@ -168,10 +177,9 @@ class Estimator:
         if self._inputs and what.t_ns < self._inputs[-1].t_ns - KEPT_NS:
             return TOO_OLD
         if isinstance(what, Look):
-            span = what.t_ns // SPAN_NS, what.panel
-            if self._first_ns.get(span, what.t_ns + 1) <= what.t_ns:
+            if self._is_known(what.t_ns, what.panel):
                 return None
-            self._first_ns[span] = what.t_ns
+            self._first_ns[what.t_ns // SPAN_NS, what.panel] = what.t_ns
         key = (what.t_ns, what.panel if isinstance(what, Look) else -1)
         at = changed = bisect_left(self._keys, key)
         if self._keys[at : at + 1] == [key]:

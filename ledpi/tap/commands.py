@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from ledpi.core.errors import LedpiError, TransientError
 from ledpi.core.wording import one_line
 from ledpi.tap.follower import Follower
-from ledpi.tap.protocol import NAMED, Do, Request, error
+from ledpi.tap.protocol import AT_ONCE, NAMED, Do, Request, error
 
 # Gives what the answer holds beside its type and id, and as `raw` the bytes that follow it. Raises LedpiError or
 # OSError where it cannot be done.
@@ -22,6 +22,7 @@ _OFF: dict[Do, str] = {
     "save": "rewind is off: nothing is kept that could be saved",
     "record": "the daemon is starting or ending; ask again later",
     "record_stop": "nothing is being recorded",
+    "odometry": "the daemon takes none; set odometry.source: tap",
     **dict.fromkeys(("takes", "take", "take_delete", "reload"), "the daemon is starting or ending; ask again later"),
 }
 _BUSY: dict[Do, str] = {
@@ -61,12 +62,14 @@ class Commands:
             thread.join(max(0.0, until_s - time.monotonic()))
 
     def begin(self, follower: Follower, request: Request) -> dict[str, Any] | None:
-        """Starts it; or the answer, where it is not permitted, not offered, or already running."""
+        """Starts it; or the answer, where it is done at once, not permitted, not offered, or already running."""
         do, command = request.do, self._offered.get(request.do)
         if not follower.may_command:
             return error(f"{do}: not permitted; {MAY}", request.id)
         if command is None:
             return error(f"{do}: {_OFF[do]}", request.id)
+        if do in AT_ONCE:
+            return {"type": "done", "id": request.id, **command(request)}
         if do in self._running:
             return error(f"{do}: {_BUSY[do]}", request.id)
         thread = threading.Thread(target=self._run, args=(command, follower, request), name=f"tap {do}", daemon=True)

@@ -46,6 +46,7 @@ class Follower:
         self._sending: deque[memoryview] = deque()  # in this order, whole
         self._newest: bytes | None = None
         self._health: bytes | None = None
+        self._state: bytes | None = None
         self._took_s = time.monotonic()
 
     def hear(self) -> bool:
@@ -99,6 +100,10 @@ class Follower:
         """The state of health; the last one, if it waits, is of no use any more."""
         self._health = line
 
+    def tell_state(self, line: bytes) -> None:
+        """The robot's state, in place of one that waits."""
+        self._state = line
+
     def answer(self, line: bytes, raw: Pixels | bytes | None = None) -> None:
         """Queues what must arrive."""
         self._sending.append(memoryview(line))
@@ -130,9 +135,11 @@ class Follower:
 
     def _next(self) -> bytes | None:
         """Returns what is sent while no answer waits, if the client keeps up."""
-        if (self._health is None and self._newest is None) or self._unread() > UNREAD_BYTES:
+        if (self._health or self._state or self._newest) is None or self._unread() > UNREAD_BYTES:
             return None
         line, self._health = self._health, None
+        if line is None:
+            line, self._state = self._state, None
         if line is None and self._newest is not None:
             line, self._newest = with_dropped(self._newest, self.dropped), None
         return line
@@ -150,12 +157,12 @@ class Follower:
     @property
     def waiting_bytes(self) -> int:
         """Counts all that waits here, without the system's buffer."""
-        lines = sum(len(line) for line in (self._newest, self._health) if line is not None)
+        lines = sum(len(line) for line in (self._newest, self._health, self._state) if line is not None)
         return lines + sum(len(part) for part in self._sending) + len(self._heard)
 
     def is_dead(self, now_s: float) -> bool:
         """Tells whether something waits for it, and it has taken nothing for long."""
-        if not (self._sending or self._newest is not None or self._health is not None):
+        if not (self._sending or self._newest or self._health or self._state):
             self._took_s = now_s
         return now_s - self._took_s > GIVEN_UP_S
 

@@ -16,10 +16,12 @@ from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.pipeline.each_cell import class_given_others, classes_unread
-from ledpi.pipeline.output import decoded_as_json
+from ledpi.pipeline.output import decoded_as_json, state_as_json
 from ledpi.pipeline.trace import SquareTrace, Trace
 from ledpi.pose.panel_map import PanelMap
+from ledpi.state.estimator import State
 from ledpi.tap.protocol import VERSION, Request
+from ledpi.wire.state_message import StateMessage
 
 SATURATED = 255
 
@@ -113,6 +115,12 @@ def decoded(shown: Shown) -> dict[str, Any]:
         "exposure_us": frame.exposure_us,
         "analogue_gain": frame.analogue_gain,
     }
+
+
+def robot_state(found: State | None, t_ns: int, message: StateMessage) -> dict[str, Any]:
+    """The robot's state at a time; its numbers are null where there is none."""
+    own = {"clock_us": message.clock_us, "map_resets": message.map_resets}
+    return {"type": "robot_state", **state_as_json(found, t_ns), **own}
 
 
 def ready_ns(shown: Shown) -> int:

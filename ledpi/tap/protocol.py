@@ -8,17 +8,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, TypeGuard, cast, get_args
 
+from ledpi.state.inputs import Odometry
+
 VERSION = 1
 MAX_REQUEST_BYTES = 4096  # of a line that a client sends, its end included
 MIN_SECONDS, MAX_SECONDS = 1.0, 600.0  # that `record` takes at once
 MAX_ID_LENGTH = 64
 
-Do = Literal["picture", "config", "save", "record", "record_stop", "takes", "take", "take_delete", "reload"]
+Do = Literal["picture", "config", "save", "record", "record_stop", "takes", "take", "take_delete", "reload", "odometry"]
 Extra = Literal["rejected", "evidence"]
 RequestId: TypeAlias = int | str | None
 # What changes or reads files, and is not permitted to everybody.
-COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop", "takes", "take", "take_delete", "reload")
-NAMED: tuple[Do, ...] = ("save", "record")  # in a hello: whoever may `record` may do the others
+COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop", "takes", "take", "take_delete", "reload", "odometry")
+AT_ONCE: tuple[Do, ...] = ("odometry",)  # what takes no time, and is answered only where it has an id
+NAMED: tuple[Do, ...] = ("save", "record", "odometry")  # in a hello: whoever may `record` may do the others
+
+TOTALS = ("left_m", "right_m", "yaw_rad")  # of odometry
+FLAGS = ("restarted", "lifted", "slipping")
 
 _KEYS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(get_args(Do), ()),
@@ -26,6 +32,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "record": ("seconds",),
     "take": ("name", "offset"),
     "take_delete": ("name",),
+    "odometry": ("t_ns", *TOTALS, *FLAGS),
 }
 
 
@@ -47,6 +54,7 @@ class Request:
     seconds: float | None = None  # of `record`; None: as long as it may
     name: str | None = None  # of a take
     offset: int = 0  # in its tar file
+    odometry: Odometry | None = None
 
 
 def read_request(line: bytes) -> Request:
@@ -69,6 +77,8 @@ def read_request(line: bytes) -> Request:
         is_right, right = _VALUES[key]
         if not is_right(value):
             raise RequestError(f"{key}: must be {right}", request_id)
+    if do == "odometry":
+        return Request(do="odometry", id=request_id, odometry=_odometry(values, request_id))
     extras = frozenset[Extra](values.pop("with", ()))
     return Request(do=cast(Do, do), id=request_id, extras=extras, **values)
 
@@ -91,6 +101,10 @@ def _is_time(value: object) -> bool:
     return (_is_whole(value) or isinstance(value, float)) and MIN_SECONDS <= value <= MAX_SECONDS
 
 
+def _is_total(value: object) -> bool:
+    return (_is_whole(value) or isinstance(value, float)) and abs(value) <= 1e9
+
+
 # Whether a value is right, and which would be.
 _VALUES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "with": (
@@ -103,7 +117,18 @@ _VALUES: dict[str, tuple[Callable[[Any], bool], str]] = {
     ),
     "name": (lambda value: value is None or _is_text(value), f"a text of {MAX_ID_LENGTH} characters at most"),
     "offset": (lambda value: _is_whole(value) and 0 <= value < 1 << 53, "a whole number from 0 on"),
+    "t_ns": (lambda value: _is_whole(value) and 0 <= value < 1 << 63, "a whole number, of CLOCK_MONOTONIC in ns"),
+    **dict.fromkeys(TOTALS, (lambda value: value is None or _is_total(value), "a number of m or rad, or null")),
+    **dict.fromkeys(FLAGS, (lambda value: isinstance(value, bool), "true or false")),
 }
+
+
+def _odometry(values: dict[str, Any], request_id: RequestId) -> Odometry:
+    if "t_ns" not in values:
+        raise RequestError("t_ns: is missing; must be the time of CLOCK_MONOTONIC in ns", request_id)
+    if (values.get("left_m") is None) != (values.get("right_m") is None):
+        raise RequestError("left_m, right_m: must be two numbers, or none", request_id)
+    return Odometry(**values)
 
 
 def error(text: str, request_id: RequestId = None, *, again: bool = False) -> dict[str, Any]:

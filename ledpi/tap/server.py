@@ -24,7 +24,7 @@ from ledpi.tap.crowd import Bell, Crowd, Listening
 from ledpi.tap.faults import Faults
 from ledpi.tap.follower import Follower
 from ledpi.tap.messages import Setup, Shown
-from ledpi.tap.protocol import Do, Extra, Request, error, write_line
+from ledpi.tap.protocol import AT_ONCE, Do, Extra, Request, error, write_line
 
 # At most so often: each picture costs the decode thread a copy, and with its evidence some tracing.
 PICTURE_EVERY_S = 0.05
@@ -64,6 +64,7 @@ class Tap:
         self._closing = self._followed = False
         self._setup: Setup | None = None
         self._health: dict[str, Any] | None = None
+        self._state: dict[str, Any] | None = None
         self._news: deque[Shown] = deque(maxlen=_QUEUE)
         self._number = self._last = 0  # of frames: shown, and passed on
         self._latency_ms: list[float] = []  # since the last line of health
@@ -139,6 +140,12 @@ class Tap:
         self._health = dict(health)
         self._bell.ring()
 
+    def tell_state(self, state: dict[str, Any]) -> None:
+        """The robot's; many times a second."""
+        if self._followed:
+            self._state = state
+            self._bell.ring()
+
     def close(self) -> None:
         """Ends the thread and takes the socket away. Safe to call twice."""
         self._closing = True
@@ -212,7 +219,7 @@ class Tap:
             answer = self._commands.begin(follower, request)
         if answer is None:
             follower.open_answers += 1
-        else:
+        elif request.id is not None or request.do not in AT_ONCE or answer["type"] == "error":
             follower.answer(write_line(answer))
 
     def _config(self, request: Request) -> dict[str, Any]:
@@ -234,6 +241,11 @@ class Tap:
             for follower in self._crowd:
                 follower.dropped += missed
                 follower.show(line)
+        state, self._state = self._state, None
+        if state is not None:
+            line = write_line(state)
+            for follower in self._crowd:
+                follower.tell_state(line)
         health, self._health = self._health, None
         if health is not None:
             taken, self._latency_ms = self._latency_ms, []

@@ -43,6 +43,7 @@ class Live:
         self._before: dict[str, int] = {}  # rejected, a second before
         self._panels: dict[int, _Panel] = {}
         self._fix: tuple[dict[str, Any], float] | None = None
+        self._state: dict[str, Any] | None = None  # of the robot
         self._wrong: list[Finding] = []
         self._why: Why | None = None  # of the newest picture that was explained
         self._dropped = 0
@@ -55,9 +56,12 @@ class Live:
             self._lost = True
         elif kind == "hello":
             self._hello, self._health, self._before, self._why, self._lost = line, {}, {}, None, False
+            self._state = None
         elif kind == "health":
             self._before, self._health = self._health.get("rejected", {}), line
             self._wrong = [finding for finding in checks(self._hello, line) if finding.state == "bad"]
+        elif kind == "robot_state":
+            self._state = line
         elif kind == "decoded":
             self._decoded(line)
 
@@ -88,7 +92,13 @@ class Live:
             table.add_row(str(marker_id), *_cells(panel, now_s), style="dim" if old else "")
         nothing = Text("no panel seen in the last 10 s", style="dim")
         panels = table if self._panels else nothing
-        told = (*self._why_lines(), *self._wrong_lines(), self._fix_line(now_s), *self._health_lines())
+        told = (
+            *self._why_lines(),
+            *self._wrong_lines(),
+            self._fix_line(now_s),
+            *self._state_lines(),
+            *self._health_lines(),
+        )
         return Group(self._daemon(), panels, *told)
 
     def line(self, now_s: float) -> str:
@@ -102,8 +112,14 @@ class Live:
         ]
         health = self._health
         state = [f"{health['state'].replace('_', ' ')}, {health['frames_per_s']:.0f} frames/s"] if health else []
-        told = (*self._why_lines(), *self._wrong_lines())
-        parts = [", ".join(seen) or "no panel", self._fix_line(now_s).plain, *state, *(one.plain for one in told)]
+        told, where = (*self._why_lines(), *self._wrong_lines()), (one.plain for one in self._state_lines())
+        parts = [
+            ", ".join(seen) or "no panel",
+            self._fix_line(now_s).plain,
+            *where,
+            *state,
+            *(one.plain for one in told),
+        ]
         return one_line(" | ".join(parts))
 
     def _wrong_lines(self) -> list[Text]:
@@ -136,6 +152,24 @@ class Live:
         used = ", ".join(str(marker_id) for marker_id in robot["panels_used"])
         said = f"fix: x {x:+.3f} y {y:+.3f} z {z:+.3f} m, heading {heading:+.1f}°, by {used}, {_age(now_s - at_s)} old"
         return Text(said, style="dim" if now_s - at_s > OLD_S else "green")
+
+    def _state_lines(self) -> list[Text]:
+        """Says where the robot is between panels, where the daemon tells it."""
+        state = self._state
+        if state is None or self._lost:
+            return []
+        if state["position_m"] is None:
+            return [Text("no state: no panel that leaves no choice has been seen", style="yellow")]
+        x, y = state["position_m"]
+        deviations = np.sqrt(np.diag(np.reshape(state["covariance"], (3, 3))))
+        mm, deg = 1e3 * max(deviations[:2]), math.degrees(deviations[2])
+        said = (
+            f"state: x {x:+.3f} y {y:+.3f} m ± {mm:.0f} mm, heading {math.degrees(state['yaw_rad']):+.1f} ± {deg:.1f}°"
+        )
+        by = "by odometry" if state["mode"] == "odometry" else "without odometry"
+        seen = f"{by}, a panel {_age((state['t_ns'] - state['panel_ns']) * 1e-9)} ago"
+        doubt = [*(["contested"] if state["contested"] else []), *(f"panel {i} has moved" for i in state["moved"])]
+        return [Text(", ".join([said, seen, *doubt]), style="yellow" if doubt else "green")]
 
     def _health_lines(self) -> list[Text]:
         health = self._health

@@ -178,6 +178,8 @@ class Hub:
             if self._hello is not None:
                 self.pictures.came(line, self._hello)
             return
+        if kind == "robot_state":  # the page has no use for it, and its watchers need not wake
+            return
         if kind == "lost":
             self.pictures.lost()
         with self._changed:

@@ -2,15 +2,21 @@
 
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
 from ledpi.wire.receiver import Receiver, ReceiverCounters
+from ledpi.wire.state_message import Mode, OdometryMessage, StateMessage, TimeAnswer, TimeAsk
 
 __all__ = [
     "FixMessage",
     "MarkerMessage",
     "Message",
+    "Mode",
     "NoFix",
+    "OdometryMessage",
     "Receiver",
     "ReceiverCounters",
     "State",
+    "StateMessage",
     "StatusMessage",
+    "TimeAnswer",
+    "TimeAsk",
     "WirePose",
 ]

@@ -18,11 +18,12 @@ import serial
 
 from ledpi.core.errors import WireError
 from ledpi.core.holder import who_holds
+from ledpi.wire.controller import BITS_PER_BYTE
 
-BITS_PER_BYTE = 10  # 8N1: start bit, eight of data, stop bit
 # The transmit FIFO of the Pi's PL011 (16 bytes on BCM2835 to BCM2837), which TIOCOUTQ does not see. The next
 # frame may follow while the FIFO is emptied, so that the line never idles; its bytes count in the age.
 FIFO_BYTES = 16
+READ_BYTES = 4096  # at once: as many as a terminal keeps
 JAMMED_RETRY_NS = 20_000_000
 QUEUED_RETRY_NS = 1_000_000
 
@@ -157,6 +158,21 @@ class SerialLine:
             return None
         self._free_ns = max(self._clock(), self._free_ns) + round(len(data) * self._byte_ns)
         return written == len(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Bytes that have come, once some have; none after the time."""
+        try:
+            port = self._serial.fileno()
+            if not select.select([port], [], [], timeout_s)[0]:
+                return b""
+            data = os.read(port, READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._lost(error) from None
+        if not data:
+            raise WireError(f"{self._port}: lost: the other end hung up")
+        return data
 
     def close(self) -> None:
         """Closes the port at once. What still queues is thrown away: the kernel would wait 30 s for it."""

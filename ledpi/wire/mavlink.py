@@ -77,6 +77,8 @@ class Mavlink:
                 fields = self._vision_position(message, _picture_us(first_byte_ns, message.age_us))
             case StatusMessage():
                 fields = self._heartbeat(message)
+            case _:
+                return None
         if fields is None:
             return None
         return bytes(fields.pack(self._packer))

@@ -1,4 +1,4 @@
-"""The three messages that go to the motor controller, and how they are made of the path's records. Pure.
+"""Messages of poses and status to the motor controller, and how they are made of the path's records. Pure.
 
 Records are valid once built: a value that must not be sent raises WireError here, before it reaches the line.
 codec.py puts them into bytes; docs/wire.md is the contract.
@@ -9,16 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 from ledpi.core.errors import WireError
 from ledpi.core.records import Floats, MarkerPose, Pose, RobotFix
+from ledpi.wire.numbers import POSITION_MAX_UNITS, UNITS_PER_SI, Triple, check_range
+from ledpi.wire.state_message import OdometryMessage, StateMessage, TimeAnswer, TimeAsk
 
-Triple: TypeAlias = tuple[float, float, float]
 Quadruple: TypeAlias = tuple[float, float, float, float]
-
-UNITS_PER_SI = 10_000  # a step is 0.1 mm or 0.1 mrad: finer than a pose is known; 24 bits still reach 838 m
-POSITION_MAX_UNITS = 0x7FFFFF
 
 
 class State(IntEnum):
@@ -81,6 +79,7 @@ class WirePose:
 class MarkerMessage:
     """One panel: camera_from_marker, in OpenCV's optical frame."""
 
+    name: ClassVar = "marker"
     id: int  # 0 to 65535
     age_us: int  # at the frame's first byte on the wire, from mid-exposure of the panel's centre row
     pose: WirePose | None
@@ -89,8 +88,8 @@ class MarkerMessage:
     alternate: bool = False  # this is that other pose
 
     def __post_init__(self) -> None:
-        _check("id", self.id, 0xFFFF)
-        _check("age_us", self.age_us)
+        check_range("id", self.id, 0xFFFF)
+        check_range("age_us", self.age_us)
         if self.uncalibrated and self.pose is not None:
             raise WireError(f"marker {self.id}: an uncalibrated camera gives no pose")
         if self.alternate and not self.ambiguous:
@@ -101,21 +100,23 @@ class MarkerMessage:
 class FixMessage:
     """The robot: map_from_base_link."""
 
+    name: ClassVar = "fix"
     age_us: int  # as a marker's
     pose: WirePose
     panels_used: int  # 255 on the wire: that many or more
     map_resets: int = 0  # changes of the map since the daemon started, modulo 256
 
     def __post_init__(self) -> None:
-        _check("age_us", self.age_us)
-        _check("panels_used", self.panels_used)
-        _check("map_resets", self.map_resets, 0xFF)
+        check_range("age_us", self.age_us)
+        check_range("panels_used", self.panels_used)
+        check_range("map_resets", self.map_resets, 0xFF)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatusMessage:
     """The heartbeat. None is unknown. Counters are totals since the daemon started."""
 
+    name: ClassVar = "status"
     state: State
     no_fix: NoFix
     panels_in_view: int | None = None
@@ -133,16 +134,10 @@ class StatusMessage:
         for name in (item.name for item in fields(self)):
             value = getattr(self, name)
             if value is not None and name != "temperature_c":
-                _check(name, value, 0x0F0F if name == "throttling" else None)
+                check_range(name, value, 0x0F0F if name == "throttling" else None)
 
 
-Message: TypeAlias = MarkerMessage | FixMessage | StatusMessage
-
-
-def _check(name: str, value: int, maximum: int | None = None) -> None:
-    if value < 0 or (maximum is not None and value > maximum):
-        limit = "0 or more" if maximum is None else f"0 to {maximum}"
-        raise WireError(f"{name} must be {limit}, not {value}")
+Message: TypeAlias = MarkerMessage | FixMessage | StatusMessage | StateMessage | OdometryMessage | TimeAsk | TimeAnswer
 
 
 def marker_message(marker: MarkerPose, *, age_us: int, alternate: bool = False) -> MarkerMessage:

@@ -1,4 +1,4 @@
-"""The queue for the line: newest wins, nothing too old, the fix first. Knows neither clock nor port."""
+"""The queue for the line: newest wins, nothing too old, the state first. Knows neither clock nor port."""
 
 from __future__ import annotations
 
@@ -19,11 +19,14 @@ from ledpi.wire.message import (
     fix_message,
     marker_message,
 )
+from ledpi.wire.state_message import U16, StateMessage, TimeAsk
 
 STATUS_PERIOD_NS = 160_000_000  # at least 5 a second are promised; this leaves 40 ms for a busy line
 # A status that will be due so soon follows the next pose at once. Sent by itself it could be on the line, for 3.6 ms,
 # when the next frame's poses are ready; a camera of 25 fps or more has a pose for it to follow in this time.
 STATUS_FOLLOWS_NS = 40_000_000
+
+ASK_PERIOD_NS = 500_000_000  # between two questions for the controller's clock
 
 # By how much the age that a packet claims may be too small: more than the usual packet takes longer than reckoned with.
 AGE_SLACK_NS = 1_000_000
@@ -39,12 +42,20 @@ class Outbox:
     have their turn on a short line.
     """
 
-    def __init__(self, *, max_age_ms: float, status_period_ns: int = STATUS_PERIOD_NS, map_resets: int = 0) -> None:
+    def __init__(
+        self, *, max_age_ms: float, status_period_ns: int = STATUS_PERIOD_NS, map_resets: int = 0, asks: bool = False
+    ) -> None:
+        """`asks`: for the controller's clock."""
         self._max_age_ns = round(max_age_ms * 1e6)
         self._status_period_ns = status_period_ns
         self._map_resets = map_resets
         self._fix: tuple[RobotFix, int] | None = None  # with its mid-exposure on the host's clock
         self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
+        self._state: tuple[StateMessage, int] | None = None  # with the time at which it holds
+        self._state_was_last = False
+        self._asks = asks
+        self._asked = 0
+        self._ask_due_ns = 0
         self._sent_fix_ns: int | None = None  # mid-exposure of the newest fix that went out
         self._undo: Callable[[], None] = lambda: None  # puts back what was taken last
         self._status = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
@@ -71,6 +82,10 @@ class Outbox:
         self.replaced += key in self._markers
         self._markers[key] = (marker, mid_ns)  # a key that is there keeps its place
 
+    def put_state(self, state: StateMessage, t_ns: int) -> None:
+        """Takes a state, that holds at a time, in place of an older one."""
+        self._state = state, t_ns
+
     def set_status(self, status: StatusMessage) -> None:
         """Sets what the next one says; due at once where it says something new of why there is no fix."""
         if (status.state, status.no_fix) != (self._status.state, self._status.no_fix):
@@ -78,25 +93,36 @@ class Outbox:
         self._status = status
 
     def clear(self) -> None:
-        """Forgets all poses; a status is due at once."""
+        """Forgets all poses; a status and a question are due at once."""
         self.replaced += len(self._markers) + (self._fix is not None)
         self._markers.clear()
-        self._fix = self._sent_fix_ns = None
+        self._fix = self._sent_fix_ns = self._state = None
+        self._ask_due_ns = 0
         self._status_due_ns = None
 
     def idle_ns(self, now_ns: int) -> int:
         """Returns how long there is nothing to send, if nothing is put in."""
-        if self._fix is not None or self._markers or self._status_due_ns is None:
+        if self._fix is not None or self._state is not None or self._markers or self._status_due_ns is None:
             return 0
-        return max(0, self._status_due_ns - now_ns)
+        due_ns = min(self._status_due_ns, self._ask_due_ns) if self._asks else self._status_due_ns
+        return max(0, due_ns - now_ns)
 
     def take(self, first_byte_ns: int) -> Message | None:
         """The next message for a frame whose first byte leaves at `first_byte_ns`, or None.
 
-        The fix first, then the status, then the markers; but a status that is due waits for one fix at most,
-        or a line too short for all fixes would never carry it. The first fix, and the first after a time without,
-        is followed by a status that says so.
+        The state first, then the question for the clock, the fix, the status, the markers. But after a state another
+        has its turn, and a status that is due waits for one fix at most, or a line too short for all of them would
+        never carry it. The first fix, and the first after a time without, is followed by a status that says so.
         """
+        if self._state is not None and not self._state_was_last:
+            state = self._take_state(first_byte_ns)
+            if state is not None:
+                return state
+        other = self._take_ask(first_byte_ns) or self._take_other(first_byte_ns)
+        self._state_was_last = False
+        return other or self._take_state(first_byte_ns)
+
+    def _take_other(self, first_byte_ns: int) -> Message | None:
         status_due = self._status_due_ns is None or first_byte_ns >= self._status_due_ns
         if not (status_due and self._status_waits):
             fix = self._take_fix(first_byte_ns)
@@ -116,7 +142,9 @@ class Outbox:
 
     def latest_ns(self, message: Message, first_byte_ns: int) -> int | None:
         """By when a message's first byte must leave, so that its age is true and not too old; None: at any time."""
-        if isinstance(message, StatusMessage):
+        if isinstance(message, TimeAsk):
+            return first_byte_ns + AGE_SLACK_NS
+        if not isinstance(message, MarkerMessage | FixMessage):
             return None
         return first_byte_ns + min(AGE_SLACK_NS, self._max_age_ns - 1000 * message.age_us)
 
@@ -148,6 +176,23 @@ class Outbox:
     def stopping_status(self) -> StatusMessage:
         """The last word."""
         return replace(self._counted(self._status), state=State.STOPPING, no_fix=NoFix.NOT_RUNNING)
+
+    def _take_state(self, first_byte_ns: int) -> StateMessage | None:
+        taken, self._state = self._state, None
+        if taken is None or first_byte_ns - taken[1] > self._max_age_ns:
+            return None
+        self._undo, self._state_was_last = partial(self._put_back_state, taken), True
+        return taken[0]
+
+    def _put_back_state(self, taken: tuple[StateMessage, int]) -> None:
+        self._state, self._state_was_last = self._state or taken, False
+
+    def _take_ask(self, first_byte_ns: int) -> TimeAsk | None:
+        if not self._asks or first_byte_ns < self._ask_due_ns:
+            return None
+        self._undo = partial(setattr, self, "_ask_due_ns", 0)
+        self._ask_due_ns, self._asked = first_byte_ns + ASK_PERIOD_NS, (self._asked + 1) & U16
+        return TimeAsk(number=self._asked)
 
     def _take_fix(self, first_byte_ns: int) -> FixMessage | None:
         if self._fix is None:

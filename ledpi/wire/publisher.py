@@ -13,11 +13,13 @@ from ledpi.core.errors import WireError
 from ledpi.core.holder import described, openers
 from ledpi.core.records import Decoded
 from ledpi.wire.codec import DELIMITER, encode, number_after
+from ledpi.wire.ear import Ear, listening
 from ledpi.wire.line import SerialLine
 from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage
 from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox
 from ledpi.wire.publisher_counters import PublisherCounters
+from ledpi.wire.state_message import StateMessage, TimeAsk
 
 BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 0.5  # a port that is back is found within this time
@@ -26,21 +28,29 @@ JOIN_S = 1.0
 OTHERS_EVERY_S = 5.0  # who else has the port open is looked for: some milliseconds of work
 RECENT = 15  # packets that say how long it takes to make one
 
+_SENT: tuple[type[Message], ...] = (FixMessage, StatusMessage, MarkerMessage, StateMessage, TimeAsk)
+
 _log = logging.getLogger("ledpi")
 
 
 class Publisher:
     """Writes poses and a status heartbeat to the motor controller, if there is a port. Only `stop` waits for it."""
 
-    def __init__(self, settings: SerialSettings, mavlink: Mavlink | None = None, *, map_resets: int = 0) -> None:
-        """`mavlink`: speaks that in place of our own protocol. `map_resets`: changes of the map so far."""
+    def __init__(
+        self, settings: SerialSettings, mavlink: Mavlink | None = None, *, map_resets: int = 0, ear: Ear | None = None
+    ) -> None:
+        """`mavlink`: speaks that in place of our own protocol. `map_resets`: changes of the map so far.
+
+        `ear`: hears what the controller says, which is asked for its clock.
+        """
         self._settings = settings
         self._mavlink = mavlink
-        self._outbox = _outbox(settings, mavlink, map_resets)
+        self._ear = ear
+        self._outbox = _outbox(settings, mavlink, map_resets, ear)
         self._wake = threading.Condition()  # guards the outbox and all below; not held while the port is used
         self._stopping = False
         self.failure: BaseException | None = None  # what ended the thread: a bug, as no port's fault does
-        self._written: dict[type[Message], int] = dict.fromkeys((FixMessage, StatusMessage, MarkerMessage), 0)
+        self._written: dict[type[Message], int] = dict.fromkeys(_SENT, 0)
         self._cut = 0
         self._opened = 0
         self._connected = False
@@ -61,12 +71,15 @@ class Publisher:
         if self._settings.port is not None and self._thread.ident is None:
             self._thread.start()
 
-    def fits(self, settings: SerialSettings) -> bool:
-        """Tells whether it speaks to that port, as is asked for there."""
+    def fits(self, settings: SerialSettings, *, hears: bool) -> bool:
+        """Tells whether it speaks to that port, as is asked for there, and hears it or not."""
         mine = self._settings
-        return (mine.port, mine.baud, mine.protocol) == (settings.port, settings.baud, settings.protocol)
+        same_port = (mine.port, mine.baud, mine.protocol) == (settings.port, settings.baud, settings.protocol)
+        return same_port and hears == (self._ear is not None)
 
-    def begin_anew(self, settings: SerialSettings, mavlink: Mavlink | None, *, map_resets: int) -> None:
+    def begin_anew(
+        self, settings: SerialSettings, mavlink: Mavlink | None, *, map_resets: int, ear: Ear | None = None
+    ) -> None:
         """Goes on with another configuration, that it `fits`, and the port stays open: to open it resets an Arduino.
 
         Poses that wait are forgotten, and counters begin at 0; the packets' numbers go on.
@@ -74,8 +87,8 @@ class Publisher:
         with self._wake:
             if mavlink is not None and self._mavlink is not None:
                 mavlink.continue_after(self._mavlink)
-            self._settings, self._mavlink = settings, mavlink
-            self._outbox = _outbox(settings, mavlink, map_resets)
+            self._settings, self._mavlink, self._ear = settings, mavlink, ear
+            self._outbox = _outbox(settings, mavlink, map_resets, ear)
             self._written, self._cut = dict.fromkeys(self._written, 0), 0
             self._wake.notify()
 
@@ -102,6 +115,14 @@ class Publisher:
             with self._wake:
                 self._borrowed = False
                 self._wake.notify()
+
+    def set_state(self, state: StateMessage, t_ns: int) -> None:
+        """Hands over where the robot is, at a time of CLOCK_MONOTONIC, in place of an older one. Never waits."""
+        if self._settings.port is None:
+            return
+        with self._wake:
+            self._outbox.put_state(state, t_ns)
+            self._wake.notify()
 
     def set_status(self, status: StatusMessage) -> None:
         """Sets what the heartbeat says from now on; `packets_dropped` is filled in here."""
@@ -136,6 +157,8 @@ class Publisher:
                 fixes=self._written[FixMessage],
                 statuses=self._written[StatusMessage],
                 markers=self._written[MarkerMessage],
+                states=self._written[StateMessage],
+                asks=self._written[TimeAsk],
                 replaced=self._outbox.replaced,
                 stale=self._outbox.stale,
                 refused=self._outbox.refused,
@@ -160,7 +183,8 @@ class Publisher:
                 line = self._open()
                 backoff_s = BACKOFF_FIRST_S
                 try:
-                    self._use(line)
+                    with listening(line, None if self._ear is None else self._hear):
+                        self._use(line)
                 finally:
                     line.close()
             except (WireError, OSError) as error:  # whatever the system refuses, the port is opened anew
@@ -180,6 +204,9 @@ class Publisher:
         with self._wake:
             self._outbox.clear()  # nothing that waited for the port is still true
             self._opened += 1
+            ear = self._ear
+        if ear is not None:
+            ear.opened()
         self._note(connected=True, error=None)
         while not self._stopping:
             busy_ns = line.busy_ns(time.monotonic_ns())
@@ -193,6 +220,11 @@ class Publisher:
             else:
                 self._send_next(line)
         self._say_goodbye(line)
+
+    def _hear(self, data: bytes, now_ns: int) -> None:
+        ear = self._ear  # another one's, after a reload
+        if ear is not None:
+            ear.heard(data, now_ns)
 
     def _rest(self, seconds: float, free: SerialLine | None) -> None:
         """Waits, `_wake` being held, and lends the line meanwhile if it is `free`. Raises WireError if it was lost."""
@@ -228,6 +260,9 @@ class Publisher:
                 self._written[type(message)] += 1
             else:
                 self._cut += 1
+            ear = self._ear
+        if ear is not None and isinstance(message, TimeAsk):
+            ear.asked(message.number, first_byte_ns)
         return True
 
     def _count_sent(self) -> None:
@@ -275,9 +310,10 @@ class Publisher:
             _log.warning("serial_lost error=%s", json.dumps(error, ensure_ascii=False))
 
 
-def _outbox(settings: SerialSettings, mavlink: Mavlink | None, map_resets: int) -> Outbox:
+def _outbox(settings: SerialSettings, mavlink: Mavlink | None, map_resets: int, ear: Ear | None) -> Outbox:
     return Outbox(
         max_age_ms=settings.max_age_ms,
         status_period_ns=STATUS_PERIOD_NS if mavlink is None else HEARTBEAT_PERIOD_NS,
         map_resets=map_resets,
+        asks=ear is not None,
     )

@@ -12,6 +12,8 @@ class PublisherCounters:
     fixes: int
     statuses: int
     markers: int
+    states: int = 0
+    asks: int = 0  # for the controller's clock
     replaced: int  # by a newer pose before there was room on the line
     stale: int  # older than max_age_ms when their turn came
     refused: int  # not fit to be sent: out of range, or from the future
@@ -24,7 +26,7 @@ class PublisherCounters:
     @property
     def sent(self) -> int:
         """Packets of all kinds."""
-        return self.fixes + self.statuses + self.markers
+        return self.fixes + self.statuses + self.markers + self.states + self.asks
 
     @property
     def unsent(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from ledpi.wire.codec import DELIMITER, MAX_FRAME_BYTES, FrameError, FrameFault, decode
+from ledpi.wire.codec import DELIMITER, FROM_LEDPI, MAX_FRAME_BYTES, FrameError, FrameFault, decode
 from ledpi.wire.message import Message
 
 _NEWER_SENDER: frozenset[FrameFault] = frozenset({"version", "type", "flags"})
@@ -28,7 +28,9 @@ class Receiver:
     What comes before the first delimiter and is no frame is not counted: it began before we listened.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, kinds: tuple[type[Message], ...] = FROM_LEDPI) -> None:
+        """`kinds`: those of one direction; others are skipped."""
+        self._kinds = kinds
         self._partial = bytearray()
         self._joined = False
         self._last_sequence: int | None = None
@@ -70,7 +72,7 @@ class Receiver:
         if not frame:
             return None  # two delimiters in a row separate nothing
         try:
-            sequence, message = decode(frame)
+            sequence, message = decode(frame, self._kinds)
         except FrameError as error:
             if error.sequence is not None:
                 self._count_lost(error.sequence)

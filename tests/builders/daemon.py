@@ -25,6 +25,7 @@ from ledpi.recording.writer import RecordingWriter
 from ledpi.runtime.daemon import Daemon
 from ledpi.simulate.scene import Room, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
+from ledpi.tap.server import Tap
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage
 from tests.builders import ROOT
 from tests.builders.waiting import killed_if_late, limit_s, wait_until
@@ -123,9 +124,9 @@ class OtherCamera:
 
 
 @contextmanager
-def daemon_in_thread(config: Config, camera: Camera) -> Iterator[Daemon]:
+def daemon_in_thread(config: Config, camera: Camera, tap: Tap | None = None) -> Iterator[Daemon]:
     """One in this process, until the block is left."""
-    running = Daemon(config, camera)
+    running = Daemon(config, camera, tap=tap)
     thread = threading.Thread(target=running.run, daemon=True)
     thread.start()
     try:

@@ -13,7 +13,19 @@ from typing import Any
 
 import pytest
 
-from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, ReceiverCounters, State, StatusMessage, WirePose
+from ledpi.wire import (
+    FixMessage,
+    MarkerMessage,
+    Message,
+    Mode,
+    NoFix,
+    ReceiverCounters,
+    State,
+    StateMessage,
+    StatusMessage,
+    TimeAsk,
+    WirePose,
+)
 from tests.builders import ROOT
 
 HEADER = ROOT / "firmware" / "receiver" / "ledpi_receiver.h"
@@ -79,8 +91,37 @@ def _message(raw: dict[str, Any]) -> Message:
         return FixMessage(
             age_us=raw["age_us"], pose=_pose(raw), panels_used=raw["panels_used"], map_resets=raw["map_resets"]
         )
+    if raw["message"] == "state":
+        return _state(raw)
+    if raw["message"] == "time_ask":
+        return TimeAsk(number=raw["number"])
     known = {key: None if raw[key] == unknown else raw[key] for key, unknown in _UNKNOWN.items()}
     return StatusMessage(state=State(raw["state"]), no_fix=NoFix(raw["no_fix"]), **known)
+
+
+def _state(raw: dict[str, Any]) -> StateMessage:
+    x, y, yaw, speed, rate = raw["pose"]
+    has_clock, contested, panel_moved = map(bool, raw["flags"])
+    pose: dict[str, Any] = {
+        "position_m": (x / 1e4, y / 1e4),
+        "yaw_rad": yaw / 1e4,
+        "velocity": (speed / 1e3, rate / 1e3),
+        "deviations": _deviations(raw["deviations"]),
+        "correlations": tuple(round(c / 127, 4) for c in raw["correlations"]),
+    }
+    map_resets, relocalisations, panels = raw["counts"]
+    return StateMessage(
+        **(pose if raw["mode"] else {}),
+        clock_us=raw["clock_us"] if has_clock else None,
+        panel_age_ms=None if raw["age"] == 0xFFFF else raw["age"],
+        way_m=None if raw["way"] == 0xFFFF else raw["way"] / 100,
+        mode=Mode(raw["mode"]),
+        contested=contested,
+        panel_moved=panel_moved,
+        map_resets=map_resets,
+        relocalisations=relocalisations,
+        panels=panels,
+    )
 
 
 def _pose(raw: dict[str, Any]) -> WirePose:

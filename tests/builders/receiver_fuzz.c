@@ -43,6 +43,13 @@ static void check(const ledpi_receiver *r, ledpi_kind kind)
         hold(s->no_fix <= LEDPI_BEHIND || s->no_fix == LEDPI_NO_FIX_UNKNOWN);
         return;
     }
+    if (kind == LEDPI_STATE) {
+        const ledpi_state *const s = &r->message.state;
+        hold(s->mode <= LEDPI_BY_ODOMETRY && (s->mode == LEDPI_NO_STATE || s->deviations[0] <= 491520));
+        return;
+    }
+    if (kind == LEDPI_TIME_ASK)
+        return;
     const bool is_marker = kind == LEDPI_MARKER;
     const ledpi_pose *const pose = is_marker ? &r->message.marker.pose : &r->message.fix.pose;
     if (is_marker) {

@@ -35,9 +35,20 @@ static void status(const ledpi_status *s)
     printf(", \"decode_p50_us\": %u, \"decode_p99_us\": %u", s->decode_p50_us, s->decode_p99_us);
 }
 
+static void state(const ledpi_state *s)
+{
+    const int8_t *c = s->correlations_127;
+    const uint32_t *d = s->deviations;
+    printf("\"mode\": %u, \"flags\": [%d, %d, %d], \"counts\": [%u, %u, %u], \"clock_us\": %u", s->mode, s->has_clock,
+           s->contested, s->panel_moved, s->map_resets, s->relocalisations, s->panels, s->clock_us);
+    printf(", \"pose\": [%d, %d, %d, %d, %d], \"deviations\": [%u, %u, %u]", (int)s->x_100um, (int)s->y_100um,
+           s->yaw_100urad, s->speed_mm_s, s->turn_mrad_s, d[0], d[1], d[2]);
+    printf(", \"correlations\": [%d, %d, %d], \"age\": %u, \"way\": %u", c[0], c[1], c[2], s->panel_age_ms, s->way_cm);
+}
+
 int main(void)
 {
-    static const char *const kinds[] = {"", "marker", "fix", "status"};
+    static const char *const kinds[] = {"", "marker", "fix", "status", "state", [LEDPI_TIME_ASK] = "time_ask"};
     static ledpi_receiver r;
     for (int byte; (byte = getchar()) != EOF;) {
         const ledpi_kind kind = ledpi_feed(&r, (uint8_t)byte);
@@ -48,6 +59,10 @@ int main(void)
             marker(&r.message.marker);
         else if (kind == LEDPI_FIX)
             fix(&r.message.fix);
+        else if (kind == LEDPI_STATE)
+            state(&r.message.state);
+        else if (kind == LEDPI_TIME_ASK)
+            printf("\"number\": %u", r.message.time_number);
         else
             status(&r.message.status);
         puts("}");

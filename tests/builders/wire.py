@@ -11,7 +11,21 @@ from typing import Any
 import numpy as np
 
 from ledpi.core.records import Decoded, Detection, Floats, MarkerPose, PlanarSolution, Pose, RobotFix
-from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
+from ledpi.wire import (
+    FixMessage,
+    MarkerMessage,
+    Message,
+    Mode,
+    NoFix,
+    OdometryMessage,
+    State,
+    StateMessage,
+    StatusMessage,
+    TimeAnswer,
+    TimeAsk,
+    WirePose,
+)
+from ledpi.wire.codec import FROM_CONTROLLER, FROM_LEDPI
 from ledpi.wire.publisher_counters import PublisherCounters
 from tests.builders import ROOT
 
@@ -24,6 +38,7 @@ class Vector:
     frame: bytes  # delimiter included
     sequence: int
     values: dict[str, Any]  # as `ledpi monitor --json`
+    kinds: tuple[type[Message], ...]  # of its direction
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +55,15 @@ def _entries(block: str) -> list[dict[str, str]]:
     return [dict(re.findall(r"^(\w+): (.*(?:\n +.*)*)$", entry, re.MULTILINE)) for entry in entries]
 
 
-def vectors() -> list[Vector]:
+def vectors(block: str = "vectors", kinds: tuple[type[Message], ...] = FROM_LEDPI) -> list[Vector]:
     return [
-        Vector(e["name"], bytes.fromhex(e["bytes"]), int(e["sequence"]), json.loads(e["json"]))
-        for e in _entries("vectors")
+        Vector(e["name"], bytes.fromhex(e["bytes"]), int(e["sequence"]), json.loads(e["json"]), kinds)
+        for e in _entries(block)
     ]
+
+
+def controller_vectors() -> list[Vector]:
+    return vectors("controller", FROM_CONTROLLER)
 
 
 def rejected_vectors() -> list[RejectedVector]:
@@ -57,6 +76,11 @@ def message_of(values: dict[str, Any]) -> Message:
     kind = v.pop("message")
     if kind == "status":
         return StatusMessage(**v | {"state": State[v["state"].upper()], "no_fix": NoFix[v["no_fix"].upper()]})
+    if kind == "state":
+        return StateMessage(**v | {"mode": Mode[v["mode"].upper()]})
+    for record in (OdometryMessage, TimeAsk, TimeAnswer):
+        if kind == record.name:
+            return record(**v)
     pose_keys = ("position_m", "quaternion_wxyz", "deviation_m", "deviation_rad")
     pose_values = {key: v.pop(key) for key in pose_keys}
     pose = None if pose_values["position_m"] is None else WirePose(**pose_values)

@@ -33,6 +33,7 @@ PURE = [
     "ledpi.tap.protocol",
     "ledpi.wire.message",
     "ledpi.wire.codec",
+    "ledpi.wire.keeper",
     "ledpi.wire.outbox",
     "ledpi.wire.receiver",
     "ledpi.wire.mavlink",

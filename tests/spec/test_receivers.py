@@ -17,12 +17,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evaluation.endurance.receivers import corrupted_stream, faults, received_in_python
-from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage, WirePose
-from ledpi.wire.codec import decode, encode
+from ledpi.wire import (
+    FixMessage,
+    MarkerMessage,
+    Message,
+    NoFix,
+    OdometryMessage,
+    Receiver,
+    State,
+    StatusMessage,
+    TimeAnswer,
+    TimeAsk,
+    WirePose,
+)
+from ledpi.wire.codec import FROM_CONTROLLER, decode, encode
 from tests.builders.receiver import HEADER, ROOT, STRICT, Received, needs_gcc, received_in_c
 from tests.builders.simavr import CLOCK_HZ, PinTrace, build_with_make, emulate, needs_simavr
 from tests.builders.waiting import limit_s
-from tests.builders.wire import RejectedVector, Vector, rejected_vectors, vectors
+from tests.builders.wire import RejectedVector, Vector, controller_vectors, rejected_vectors, vectors
 
 VECTORS = vectors()
 BYTES = st.integers(0, 255)
@@ -111,17 +123,57 @@ def test_both_decide_alike_on_what_a_wrong_sender_could_send() -> None:
     rng = random.Random(7)
     stream = bytearray(b"\0")
     for _ in range(20_000):
-        header = bytes([rng.choice([1, 1, 1, 1, 2]), rng.choice([1, 1, 1, 2, 2, 3, 9])]) + rng.randbytes(2)
+        header = bytes([rng.choice([1, 1, 1, 1, 2]), rng.choice([1, 1, 1, 2, 2, 3, 4, 4, 9])]) + rng.randbytes(2)
         body = bytearray(rng.randbytes(rng.choice([30, 30, 30, 30, 29, 0])))
         if len(body) == 30 and rng.random() < 0.8:
             body[2] &= 7 if header[1] == 1 else 0  # flags
             body[16:24] = np.array([32767, 0, rng.randint(-1600, 1600), 0], "<i2").tobytes()  # lengths around 1.001
+            if header[1] == 4:
+                body[6:8], body[26] = rng.choice([b"\x00\x7d", b"\x01\x7d"]), rng.choice([0, 1, 2, 3, 58])
         content = header + bytes(body)
         stream += cobs.encode(content + zlib.crc32(content).to_bytes(4, "little")) + b"\0"
     in_c, in_python = received_in_c(bytes(stream)), received_in_python(bytes(stream))
     assert in_c == in_python
     assert in_c.counters.good > 3000
     assert set(in_c.counters.bad | in_c.counters.skipped) == {"length", "value", "version", "type", "flags"}
+
+
+WRITER = """
+#include <stdio.h>
+#include "ledpi_receiver.h"
+/* Reads "SEQUENCE CLOCK LEFT RIGHT YAW RESTARTED LIFTED SLIPPING" thrice and writes odometry; then a time's numbers. */
+int main(void)
+{
+    static uint8_t buffer[LEDPI_ODOMETRY_BYTES + 1];
+    unsigned sequence, restarted, lifted, slipping, number, arrived, left;
+    buffer[LEDPI_ODOMETRY_BYTES] = 0x55; /* no byte more is written */
+    for (int i = 0; i < 3; i++) {
+        ledpi_odometry o;
+        if (scanf("%u %u %d %d %d %u %u %u", &sequence, &o.clock_us, &o.left_100um, &o.right_100um, &o.yaw_100urad,
+                  &restarted, &lifted, &slipping) != 8)
+            return 1;
+        o.restarted = restarted, o.lifted = lifted, o.slipping = slipping;
+        ledpi_sender sender = {(uint16_t)sequence};
+        fwrite(buffer, 1, ledpi_write_odometry(buffer, &sender, &o), stdout);
+    }
+    if (scanf("%u %u %u %u", &sequence, &number, &arrived, &left) != 4)
+        return 1;
+    ledpi_sender sender = {(uint16_t)sequence};
+    fwrite(buffer, 1, ledpi_write_time(buffer, &sender, (uint16_t)number, arrived, left), stdout);
+    return buffer[LEDPI_ODOMETRY_BYTES] == 0x55 && sender.sequence == sequence + 1 ? 0 : 2;
+}
+"""
+
+
+@needs_gcc
+def test_the_c_writer_writes_the_page_s_bytes(tmp_path: Path) -> None:
+    """Odometry and an answer, each with a zero ahead."""
+    (tmp_path / "writer.c").write_text(WRITER)
+    subprocess.run(["gcc", *STRICT, "-o", str(tmp_path / "writer"), str(tmp_path / "writer.c")], check=True)
+    told = [[v.sequence, *list(v.values.values())[1:]] for v in controller_vectors()]
+    numbers = " ".join(str(-(2**31) if value is None else int(value)) for values in told for value in values)
+    done = subprocess.run([tmp_path / "writer"], input=numbers.encode(), capture_output=True, check=True)
+    assert done.stdout == b"".join(b"\0" + vector.frame for vector in controller_vectors())
 
 
 FUZZ_ON_STDIN = """
@@ -148,7 +200,7 @@ def test_what_the_fuzzer_asks_holds_on_seeded_input(tmp_path: Path) -> None:
     rng = random.Random(11)
     inputs = []
     for _ in range(5000):
-        sealed = [bytes([34 << 1 | 1, 1, rng.randint(1, 3)]) + rng.randbytes(32) for _ in range(rng.randint(0, 2))]
+        sealed = [bytes([34 << 1 | 1, 1, rng.randint(1, 4)]) + rng.randbytes(32) for _ in range(rng.randint(0, 2))]
         inputs.append(b"".join(sealed) + rng.randbytes(rng.randrange(100)))
     stream = b"".join(bytes([len(data)]) + data for data in inputs)
     subprocess.run([tmp_path / "fuzz"], input=stream, check=True, timeout=limit_s(30))
@@ -294,3 +346,39 @@ def test_it_takes_less_than_a_kilobyte(built: Path) -> None:
     table = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
     _, data, bss = (int(number) for number in re.findall(r"\d+", table[1])[:3])
     assert 0 < data + bss <= 1024
+
+
+@needs_simavr
+def test_the_two_way_line_on_a_microcontroller(tmp_path: Path) -> None:
+    """Odometry and answers go out whole while states come in; the stamps keep pace with the emulator's own time.
+
+    All of it takes less than 600 bytes of RAM.
+    """
+    elf, program = tmp_path / "two_way.elf", tmp_path / "two_way.hex"
+    source = ROOT / "tests/builders/avr_two_way.c"
+    compiler = ["avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000UL", "-std=c99", "-Os", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([*compiler, "-I", str(HEADER.parent), "-o", str(elf), str(source)], check=True)
+    subprocess.run(["avr-objcopy", "-O", "ihex", "-R", ".eeprom", str(elf), str(program)], check=True)
+    state = next(v.frame for v in VECTORS if v.name == "state")
+    asked_s = [0.1 + 0.0613 * n for n in range(10)]
+    asks = [(at_s, b"\0" + encode(TimeAsk(number=n), n)) for n, at_s in enumerate(asked_s)]
+    states = [(at_s + 0.03, b"\0" + state) for at_s in asked_s]
+    told = emulate(program, 0.8, work=tmp_path, arrivals=asks + states, baud=BAUD)
+
+    receiver = Receiver(FROM_CONTROLLER)
+    messages = receiver.feed(told.said)
+    assert (receiver.counters.bad, receiver.counters.lost) == ({}, 0)
+    odometry = [m for m in messages if isinstance(m, OdometryMessage)]
+    answers = [m for m in messages if isinstance(m, TimeAnswer)]
+    assert [m.number for m in answers] == list(range(10))
+    came_us = [(at_s + 13 * PACKET_S / 41) * 1e6 for at_s in asked_s]
+    offsets_us = [m.arrived_us - came for m, came in zip(answers, came_us, strict=True)]
+    assert max(offsets_us) - min(offsets_us) < 150
+    assert all(0 < m.left_us - m.arrived_us < 6000 for m in answers)
+    assert len(odometry) == pytest.approx(38, abs=2)
+    assert [(m.left_100um, m.right_100um) for m in odometry] == [(50 * n, 100 * n) for n in range(1, len(odometry) + 1)]
+    assert [m.restarted for m in odometry] == [True] + [False] * (len(odometry) - 1)
+    assert told.is_high("PB1", told.end)
+    table = subprocess.run(["avr-size", str(elf)], capture_output=True, text=True, check=True).stdout.splitlines()
+    _, data, bss = (int(number) for number in re.findall(r"\d+", table[1])[:3])
+    assert 0 < data + bss <= 600

@@ -9,13 +9,24 @@ import pytest
 
 from ledpi.cli.monitor import json_line
 from ledpi.wire import Message, Receiver
-from ledpi.wire.codec import FrameError, decode, deviation_code, deviation_value, encode
-from tests.builders.wire import PAGE, RejectedVector, Vector, message_of, rejected_vectors, vectors
+from ledpi.wire.codec import FROM_LEDPI, FrameError, decode, encode
+from ledpi.wire.numbers import deviation_code, deviation_value
+from tests.builders.wire import (
+    PAGE,
+    RejectedVector,
+    Vector,
+    controller_vectors,
+    message_of,
+    rejected_vectors,
+    vectors,
+)
 
 VECTORS = vectors()
+CONTROLLER = controller_vectors()
 REJECTED = rejected_vectors()
+BYTES = {"odometry": 27, "time_ask": 12, "time_answer": 20}  # of the others: 40
 
-each_vector = pytest.mark.parametrize("vector", VECTORS, ids=lambda v: v.name)
+each_vector = pytest.mark.parametrize("vector", VECTORS + CONTROLLER, ids=lambda v: v.name)
 each_rejected = pytest.mark.parametrize("vector", REJECTED, ids=lambda v: v.name)
 
 
@@ -26,9 +37,9 @@ def assert_says(message: Message, values: dict[str, Any]) -> None:
     assert said == {key: value for key, value in values.items() if key != "quaternion_wxyz"}
 
 
-def received(*chunks: bytes) -> tuple[list[Message], Receiver]:
+def received(*chunks: bytes, kinds: tuple[type[Message], ...] = FROM_LEDPI) -> tuple[list[Message], Receiver]:
     """Returns what a receiver makes of a stream that it hears from its first byte (hence the delimiter)."""
-    receiver = Receiver()
+    receiver = Receiver(kinds)
     messages = receiver.feed(b"\0")
     for chunk in chunks:
         messages += receiver.feed(chunk)
@@ -37,7 +48,8 @@ def received(*chunks: bytes) -> tuple[list[Message], Receiver]:
 
 def test_the_page_has_vectors_of_every_kind() -> None:
     """An empty or renamed block would make all tests below pass."""
-    assert {v.values["message"] for v in VECTORS} == {"marker", "fix", "status"}
+    assert {v.values["message"] for v in VECTORS} == {"marker", "fix", "status", "state", "time_ask"}
+    assert {v.values["message"] for v in CONTROLLER} == {"odometry", "time_answer"}
     assert {v.reason for v in REJECTED} == {"length", "cobs", "crc", "value", "version", "type", "flags"}
 
 
@@ -51,10 +63,10 @@ def test_the_page_and_the_header_say_what_the_largest_deviation_is() -> None:
 
 @each_vector
 def test_a_message_and_the_bytes_on_the_page_become_each_other(vector: Vector) -> None:
-    """Exactly 40 bytes, the page's number and values; nothing moves by going round: a relay may decode and send on."""
+    """The page's bytes, number and values; nothing moves by going round: a relay may decode and send on."""
     assert encode(message_of(vector.values), vector.sequence) == vector.frame
-    assert len(vector.frame) == 40
-    sequence, message = decode(vector.frame[:-1])
+    assert len(vector.frame) == BYTES.get(vector.values["message"], 40)
+    sequence, message = decode(vector.frame[:-1], vector.kinds)
     assert sequence == vector.sequence
     assert_says(message, vector.values)
     assert encode(message, sequence) == vector.frame
@@ -83,11 +95,11 @@ def test_garbage_before_between_and_after_costs_no_message(garbage: bytes) -> No
 
 @each_vector
 def test_any_flipped_bit_is_rejected_and_the_next_frame_is_received(vector: Vector) -> None:
-    """Each of a frame's 320 bits. (A flipped delimiter joins two frames, which costs the second one too.)"""
+    """Each of a frame's bits. (A flipped delimiter joins two frames, which costs the second one too.)"""
     for bit in range(8 * len(vector.frame)):
         damaged = bytearray(vector.frame)
         damaged[bit // 8] ^= 1 << bit % 8
-        messages, receiver = received(bytes(damaged) + vector.frame + vector.frame)
+        messages, receiver = received(bytes(damaged) + vector.frame + vector.frame, kinds=vector.kinds)
         delimiter_hit = bit // 8 == len(vector.frame) - 1
         assert len(messages) == (1 if delimiter_hit else 2)
         assert sum(receiver.counters.bad.values()) >= 1
@@ -97,7 +109,7 @@ def test_any_flipped_bit_is_rejected_and_the_next_frame_is_received(vector: Vect
 def test_a_truncated_frame_is_rejected_and_the_next_one_is_received(vector: Vector) -> None:
     """A sender that is unplugged after any number of bytes, and begins anew with a delimiter."""
     for length in range(1, len(vector.frame) - 1):
-        messages, receiver = received(vector.frame[:length], b"\0" + vector.frame)
+        messages, receiver = received(vector.frame[:length], b"\0" + vector.frame, kinds=vector.kinds)
         assert len(messages) == 1
         assert sum(receiver.counters.bad.values()) == 1
 

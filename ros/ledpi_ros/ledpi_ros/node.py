@@ -108,6 +108,9 @@ class LedpiNode(Node):
                 for message in self._stream.frame(line, _unix_offset_ns()):
                     self._publish(message)
                 self._look(tap, line)
+            case "robot_state":
+                for message in self._stream.robot(line, _unix_offset_ns()):
+                    self._publish(message)
             case "health":
                 self._publish(self._stream.health(line["state"], line, time.time_ns()))
             case "picture" if line["id"] == self._asked:

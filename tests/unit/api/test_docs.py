@@ -36,7 +36,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("desk")
 def test_the_page_s_examples_run_from_top_to_bottom(capsys: pytest.CaptureFixture[str]) -> None:
     """In one program; `pictures` is a stream of the panel."""
-    program = {"pictures": pictures(3, distance_m=1.0)}
+    program = {"pictures": pictures(3, distance_m=1.0), "wheels": lambda: (0.0, 0.0)}
     for block in examples("docs/python.md"):
         exec(block, program)
     printed = capsys.readouterr().out.splitlines()

@@ -264,6 +264,7 @@ def test_pictures_turned_by_180_degrees_are_read_from_below() -> None:
         ({"overrides": [7]}, 'overrides: must be as {7: {"side_m": 0.3}}, not [7]'),
         ({"camera_mount": {"rpy": [0, 0, 0]}}, "camera_mount.rpy: unknown key"),
         ({"map": 3}, "map: must be a path, not 3"),
+        ({"odometry": {"base_m": 0}}, "odometry.base_m: must be greater than or equal to 0.01"),
         ({"upright": "yes, all"}, "upright: must be true or false"),
     ],
 )
@@ -336,6 +337,29 @@ def test_a_map_tells_where_the_robot_is(near: Pixels, tmp_path: Path) -> None:
     plain = reader()
     plain.read(near, row_time_us=33.67)
     assert plain.fix is None
+
+
+def test_a_stream_knows_where_the_robot_is_between_pictures(near: Pixels, tmp_path: Path) -> None:
+    """Drives 20 cm ahead, and turns by 0.1 rad, after the only picture; what odometry cannot be is told."""
+    (tmp_path / "markers.yaml").write_text("panels: {7: {position_m: [0, 0, 0], yaw_deg: 180}}\n")
+    stream = reader(map=tmp_path / "markers.yaml", upright=True).stream(row_time_us=33.67)
+    second_ns = 1_000_000_000
+    assert stream.state(second_ns) is None
+    (marker,) = stream.read(near, time_ns=second_ns)
+    for n in range(21):
+        time_ns, way = second_ns + n * 20_000_000, 0.01 * n
+        assert stream.add_odometry(time_ns=time_ns, left_m=way, right_m=way, yaw_rad=0.005 * n) is None
+    state, first = stream.state(time_ns), stream.fix
+    assert state is not None
+    assert first is not None
+    assert marker.distance_m is not None
+    moved = state.position_m - first.position_m[:2]
+    assert (np.hypot(*moved), state.heading - first.heading) == pytest.approx((0.2, 0.1), abs=0.01)
+    assert (state.by_odometry, state.way_m) == (True, pytest.approx(0.2, abs=0.02))
+    assert json.loads(json.dumps(state.to_dict()))["moved"] == []
+    assert stream.add_odometry(time_ns=time_ns + 20_000_000, left_m=9.0, right_m=9.0) == "state.odometry_leap"
+    with pytest.raises(ledpi.PictureError, match="left_m, right_m: must be two numbers"):
+        stream.add_odometry(time_ns=time_ns, left_m=1.0)
 
 
 def test_why_a_panel_is_not_read_is_told(near: Pixels) -> None:

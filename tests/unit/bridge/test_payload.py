@@ -42,6 +42,14 @@ def test_a_line_tells_its_age_and_its_unix_time() -> None:
     assert abs(time.time_ns() - line["unix_ns"] - 30_000_000) < 2_000_000_000
 
 
+def test_where_the_robot_is_between_frames_is_a_line_with_its_age() -> None:
+    """20 ms after it held. Packets have no place for it."""
+    state = {"type": "robot_state", "t_ns": 5_000_000_000, "position_m": [1.0, 2.0]}
+    line = json.loads(*payload("json").robot(state, 5_020_000_000))
+    assert (line["type"], line["position_m"], line["age_us"]) == ("robot_state", [1.0, 2.0], 20_000)
+    assert payload("wire").robot(state, 5_020_000_000) == []
+
+
 def test_packets_hold_the_fix_first_then_markers_each_with_its_own_age() -> None:
     """And the mirror pose, where it is not excluded."""
     frame = decoded(3)

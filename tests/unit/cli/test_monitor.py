@@ -124,10 +124,16 @@ def test_json_lines_are_the_vectors_of_the_page(monitored: Monitored) -> None:
 
 @pytest.mark.slow
 def test_text_lines_show_what_matters(monitored: Monitored) -> None:
-    """A marker, a fix, a status with its reason."""
+    """A marker, a fix, a status with its reason, a state with what it rests on."""
     chosen = {v.name: v for v in VECTORS}
-    monitored.send(*(chosen[name].frame for name in ("marker", "marker, uncalibrated", "fix", "status")))
-    marker, uncalibrated, fix, status = monitored.lines(4)
+    names = ("marker", "marker, uncalibrated", "fix", "status", "state", "state, there is none", "time, asked")
+    monitored.send(*(chosen[name].frame for name in names))
+    marker, uncalibrated, fix, status, state, none, asked = monitored.lines(7)
+    assert state.startswith(
+        "state       xy +12.3456 -7.8901 ± 0.0064 0.0080 m  yaw -85.94 ± 0.18°  +0.512 m/s -14.3°/s"
+    )
+    assert state.endswith("by odometry, panels 5, the newest 85 ms ago\n")
+    assert (none, asked) == ("state       none\n", "time_ask\n")
     assert marker.startswith("marker    7  xyz +0.1234 -0.0500 +2.0000 ± 0.0012 0.0031 0.0100 m  wxyz +0.60")
     assert "no pose" in uncalibrated
     assert "uncalibrated" in uncalibrated

@@ -13,6 +13,7 @@ from ledpi.ros.contents import (
     DETECTIONS,
     DIAGNOSTICS,
     DOCK_POSE,
+    ODOMETRY,
     POSE,
     TF,
     UNKNOWN_VARIANCE,
@@ -21,6 +22,7 @@ from ledpi.ros.contents import (
     camera_info_message,
     frame_messages,
     health_message,
+    odometry_messages,
 )
 from ledpi.ros.stream import RosStream
 from tests.builders.made_up_daemon import HEALTH, PANEL, decoded
@@ -109,6 +111,25 @@ def test_the_robot_is_in_the_map() -> None:
     assert transform["child_frame_id"] == "panel_7"
 
 
+STATE: dict[str, Any] = {"t_ns": 5_000_000_000, "position_m": [1.0, 2.0], "yaw_rad": np.pi / 2, "velocity": [0.5, 0.1]}
+STATE |= {"covariance": list(map(float, range(1, 10)))}
+
+
+def test_the_state_is_odometry_in_the_map() -> None:
+    """In the plane: what is not known of height, roll and pitch has no weight. Without a state there is none."""
+    (message,) = odometry_messages(STATE, Names(), OFFSET_NS)
+    assert (message.topic, message.stamp_ns) == ("/ledpi/odometry", 5_000_000_000 + OFFSET_NS)
+    values, pose = message.values, message.values["pose"]["pose"]
+    assert (values["header"]["frame_id"], values["child_frame_id"]) == ("map", "base_link")
+    assert (pose["position"]["x"], pose["position"]["y"]) == (1.0, 2.0)
+    assert (pose["orientation"]["z"], pose["orientation"]["w"]) == pytest.approx((0.5**0.5, 0.5**0.5))
+    covariance = np.reshape(values["pose"]["covariance"], (6, 6))
+    assert covariance[np.ix_([0, 1, 5], [0, 1, 5])].ravel().tolist() == STATE["covariance"]
+    assert covariance[2, 2] == covariance[3, 3] == covariance[4, 4] == UNKNOWN_VARIANCE
+    assert (values["twist"]["twist"]["linear"]["x"], values["twist"]["twist"]["angular"]["z"]) == (0.5, 0.1)
+    assert odometry_messages(STATE | {"position_m": None}, Names(), OFFSET_NS) == []
+
+
 def test_a_docks_x_points_into_it() -> None:
     """Panel 7 hangs upright and faces the camera, 2 m ahead: a robot that docks looks as the camera does."""
     facing = frame(quaternion_wxyz=[0.0, 1.0, 0.0, 0.0])  # x right, y up, z back to the camera
@@ -174,7 +195,8 @@ def test_every_message_is_whole() -> None:
     robot = PLACE | {"covariance": COVARIANCE, "exposed_ns": 5_001_000_000, "panels_used": [7]}
     messages = frame_messages(frame() | {"robot": robot}, Names(dock_id=7), OFFSET_NS)
     messages.append(health_message("running", HEALTH, Names(), OFFSET_NS))
-    assert {message.type for message in messages} == {DETECTIONS, TF, POSE, DOCK_POSE, DIAGNOSTICS}
+    messages += odometry_messages(STATE, Names(), OFFSET_NS)
+    assert {message.type for message in messages} == {DETECTIONS, TF, POSE, DOCK_POSE, DIAGNOSTICS, ODOMETRY}
     for message in messages:
         data = types.to_cdr(message.type, message.values)
         again = types.types().deserialize_cdr(data, message.type)

@@ -25,10 +25,11 @@ from ledpi.config.panels import PanelOverride, PanelSettings
 from ledpi.core.errors import ConfigError, DiskFullError, TapAgainError, TapError
 from ledpi.pipeline.trace import Trace
 from ledpi.pose.panel_map import MapPanel
+from ledpi.state.inputs import Odometry
 from ledpi.tap.client import connect
 from ledpi.tap.crowd import MOST_FOLLOWERS
 from ledpi.tap.frames import camera_of, frame_of, settings_of
-from ledpi.tap.protocol import MAX_REQUEST_BYTES
+from ledpi.tap.protocol import MAX_REQUEST_BYTES, Request
 from ledpi.tap.server import CLIENTS_SHARE, MOST_WAITING_BYTES, PACE_S, Tap
 from tests.builders import ROOT
 from tests.builders.tap import CAMERA, HEIGHT, SETUP, WIDTH, Raw, decoded, frame, show, tap_at
@@ -420,6 +421,27 @@ def test_a_command_is_done_beside_all_else(tap: Tap) -> None:
     assert client.next("decoded")["seq"] == 1
     gate.set()
     assert client.next("done") == {"type": "done", "id": 1, "path": "/saved/True"}
+
+
+def test_odometry_is_taken_at_once_and_states_are_told(tap: Tap) -> None:
+    """A hundred messages, in their order; only what has an id, or is wrong, is answered."""
+    taken: list[Request] = []
+
+    def take(request: Request) -> dict[str, str]:
+        taken.append(request)
+        return {}
+
+    tap.offer("odometry", take)
+    client = follow(tap)
+    for n in range(100):
+        client.send({"do": "odometry", "t_ns": n, "left_m": 0.5 * n, "right_m": 0} | ({"id": 7} if n == 99 else {}))
+    client.send({"do": "odometry", "t_ns": -1})
+    assert client.next("done") == {"type": "done", "id": 7}
+    assert "t_ns" in client.next("error")["error"]
+    told = [request.odometry for request in taken]
+    assert told == [Odometry(t_ns=n, left_m=0.5 * n, right_m=0) for n in range(100)]
+    tap.tell_state({"type": "robot_state", "t_ns": 5})
+    assert client.next("robot_state")["t_ns"] == 5
 
 
 @pytest.mark.parametrize(("failure", "said"), [(OSError(28, "No space left"), "No space"), (KeyError("x"), "KeyError")])

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ledpi.core.records import Decoded, Pose
-from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage
+from ledpi.wire import FixMessage, MarkerMessage, Message, Mode, NoFix, State, StateMessage, StatusMessage, TimeAsk
 from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox
 from tests.builders.wire import decoded, marker_pose, pose_at, robot_fix
 
@@ -53,6 +54,41 @@ def test_the_fix_goes_first_then_the_status_then_the_markers() -> None:
     outbox = Outbox(max_age_ms=100.0)
     outbox.put(frame(3, 7, at_ns=0, fix=True))
     assert [label(outbox.take(1 * MS)) for _ in range(5)] == ["fix", "status", 3, 7, None]
+
+
+def test_the_state_and_the_question_for_the_clock_go_first() -> None:
+    """The newest state, and none that is too old; what the port did not take is the next. A question each 0.5 s."""
+    one, two = (StateMessage(mode=Mode.NONE, map_resets=n) for n in (1, 2))
+    outbox = Outbox(max_age_ms=100.0, asks=True)
+    outbox.put_state(one, 0)
+    outbox.put_state(two, 0)
+    outbox.put(frame(at_ns=0, fix=True))
+    assert outbox.take(1 * MS) == two
+    outbox.put_back()
+    assert [outbox.take(1 * MS), outbox.take(1 * MS)] == [two, TimeAsk(number=1)]
+    outbox.put_back()
+    assert outbox.take(2 * MS) == TimeAsk(number=2)
+    assert [label(outbox.take(3 * MS)) for _ in range(3)] == ["fix", "status", None]
+    outbox.put_state(one, 3 * MS)
+    assert label(outbox.take(104 * MS)) is None
+    assert outbox.idle_ns(162 * MS) == 1 * MS  # to the status
+    assert label(outbox.take(163 * MS)) == "status"
+    assert outbox.take(502 * MS) == TimeAsk(number=3)
+
+
+def test_states_take_every_second_packet_at_most() -> None:
+    """A line that is too short even for them carries fixes, heartbeats and markers all the same."""
+    outbox = Outbox(max_age_ms=100.0)
+    sent: Counter[str] = Counter()
+    for n in range(400):
+        outbox.put_state(StateMessage(mode=Mode.NONE), n * 40 * MS)
+        outbox.put(frame(7, at_ns=n * 40 * MS, fix=True))
+        message = outbox.take(n * 40 * MS)
+        assert message is not None
+        sent[message.name] += 1
+    assert sent["state"] == 200
+    assert sent["fix"] > 100
+    assert sent["status"] > 40
 
 
 def test_a_status_that_is_due_waits_for_one_fix_at_most() -> None:

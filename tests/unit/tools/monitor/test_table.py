@@ -65,6 +65,18 @@ def test_what_is_wrong_with_the_daemon_is_said() -> None:
     assert "takes nothing" not in shown(table)
 
 
+def test_where_the_robot_is_is_said_with_what_that_rests_on() -> None:
+    """Between panels, too; and that nothing is known, where that is so. Doubts are named."""
+    table, known = live(), {"type": "robot_state", "t_ns": 3_000_000_000, "mode": "odometry", "panel_ns": 2_915_000_000}
+    known |= {"position_m": [1.25, -0.5], "yaw_rad": 0.5236, "covariance": np.diag([4e-6, 9e-6, 1.2185e-4]).ravel()}
+    table.take(known | {"contested": False, "moved": [12]})
+    said = "state: x +1.250 y -0.500 m ± 3 mm, heading +30.0 ± 0.6°, by odometry, a panel 85 ms ago, panel 12 has moved"
+    assert said in shown(table)
+    assert said in table.line(0.0)
+    table.take(known | {"mode": "none", "position_m": None})
+    assert "no state: " in shown(table)
+
+
 def test_no_more_is_said_than_fits() -> None:
     """Names some of twenty lamps."""
     table = live()
