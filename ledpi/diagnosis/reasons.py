@@ -56,6 +56,9 @@ REASONS: dict[str, Explained] = {
         "check the frequencies; keep the exposure off their nulls (ledpi calibrate panel says so); "
         "no capacitor after the MOSFETs",
     ),
+    "identify.steady": Explained(
+        "it surely does not blink: bands of half the expected depth had shown by now", "as for identify.no_bands"
+    ),
     "identify.implausible_depth": Explained(
         "bands are deeper or shallower than this exposure makes them",
         "check camera.exposure_us, and what dims the lamp",

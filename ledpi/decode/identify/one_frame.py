@@ -25,6 +25,7 @@ from ledpi.decode.identify.decision import (
     FALSE_ID_RATE,
     INCONSISTENT,
     NO_BANDS,
+    STEADY,
     Reading,
     judge,
     odds_needed,
@@ -103,7 +104,9 @@ def read_deep_bands(
         return evidence
     fit = rank_codewords(evidence, codebook.white)
     first = judge(fit, evidence, codebook, false_id_rate)
-    if first in (NO_BANDS, UNFIT) or (isinstance(first, Rejected) and _is_contradicted(fit, codebook, false_id_rate)):
+    if first in (NO_BANDS, STEADY, UNFIT) or (
+        isinstance(first, Rejected) and _is_contradicted(fit, codebook, false_id_rate)
+    ):
         return first
     white = (codebook.white[fit.codewords[0]] > 0) ^ (np.array(fit.gain) > odds_needed(false_id_rate))
     estimate = estimate_bands(samples, frame, spec, white, fit.bands)
