@@ -116,7 +116,7 @@ def even_evidence(each: float, depth: float) -> Evidence:
     information = np.zeros((16, 4, 16, 4))
     for cell in range(16):
         information[cell, :, cell, :] = each * np.eye(4)
-    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2), residual=0.0)
+    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2))
 
 
 def test_a_null_is_where_the_exposure_holds_whole_cycles() -> None:
