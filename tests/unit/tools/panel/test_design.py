@@ -148,9 +148,7 @@ def test_information_of_even_cells_is_its_definition() -> None:
     """Isotropic information i, depths a and b: D = i·(a² + b²)/2, whatever the phases; in antiphase i·(2a)²/2."""
     known = even_evidence(1000.0, 0.05)
     assert separation_nats(known, (0.05, 0.02)) == pytest.approx(0.5 * 1000 * (0.05**2 + 0.02**2))
-    antiphase = Evidence(
-        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), residual=0.0
-    )
+    antiphase = Evidence(score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2))
     assert separation_nats(antiphase, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
 
 
