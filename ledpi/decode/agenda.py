@@ -21,9 +21,8 @@ SAME = 0.25  # of the side: what is no further off from frame to frame, and no l
 MOST_REFUSED = 6
 LONGEST = 2 ** (MOST_REFUSED - 1)
 
-UNLIKELY = (
-    2  # that a frame by itself tries where nothing likely is a panel, as the glance's template is not all panels'
-)
+# That a frame by itself tries where nothing likely is a panel, as the glance's template is not all panels'.
+UNLIKELY = 2
 
 
 def alone(candidates: list[Candidate]) -> list[Candidate]:

@@ -15,7 +15,6 @@ from ledpi.core.errors import ConfigError
 from ledpi.tools.editing import SOCKET, ask, socket_of
 from tests.builders.command import LEDPI, complaint, in_process
 from tests.builders.systemd import Unit, assert_closed_in, needs_systemd, said_of
-from tests.builders.waiting import wait_until
 from tests.system.test_several_cameras import for_several
 
 SERVICE, LISTENER = Unit("ledpi-edit.service"), Unit("ledpi-edit.socket")
@@ -49,8 +48,10 @@ def helper(tmp_path: Path) -> Iterator[Path]:
     assert ACTIVATE is not None
     path = tmp_path / "edit"
     command = [ACTIVATE, "-l", str(path), *LEDPI, "config", "serve", "--config", str(tmp_path / "config.yaml")]
-    with subprocess.Popen(command, env=os.environ) as process:
-        wait_until(path.is_socket)
+    with subprocess.Popen(command, env=os.environ, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        while "Listening on" not in process.stderr.readline():  # the socket is there a moment before it listens
+            assert process.poll() is None
         yield path
         process.kill()
 

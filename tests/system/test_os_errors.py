@@ -72,7 +72,7 @@ def test_refused_to_the_decoder_it_ends_with_status_1() -> None:
 @pytest.mark.slow
 def test_refused_to_the_main_thread_it_ends_with_status_1() -> None:
     """It has no part of its own that could be begun anew."""
-    command = refusing("ledpi.runtime.daemon", "read_processor", code=errno.EMFILE, after=2)
+    command = refusing("ledpi.runtime.health", "read_processor", code=errno.EMFILE, after=2)
     with daemon(*SIMULATED, "serial.port=nothing", command=command) as process:
         ended = end(process)
     assert ended.status == 1

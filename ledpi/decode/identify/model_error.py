@@ -19,7 +19,7 @@ from ledpi.core.records import Floats, Singles
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codewords import Fit, rank_codewords
 
-DEVIATIONS = 3.0  # by which noise may leave more than it does on average
+DEVIATIONS = 3.0  # by which noise may leave more than it does on average: once in a thousand
 # Of what a codeword explains: the bands of one panel's cells differ by a quarter, a deviation.
 MODEL_VARIANCE = 1.0 / 16.0
 LEAST_INFORMATION, LEAST_SQUARE = 1e-9, 1e-12  # of a band: less is none, and nothing is divided by it
@@ -51,9 +51,15 @@ def _share_of_error(evidence: Evidence, fit: Fit) -> Floats:
     left, each = evidence.unexplained(fit.cell_bands), len(evidence.prior)
     beside = np.linalg.solve(evidence.own_information + LEAST_INFORMATION * np.eye(each), left[..., None])[..., 0]
     misfit = (beside * left).sum(axis=1)
-    beyond = np.maximum(misfit - each - DEVIATIONS * math.sqrt(2.0 * each), 0.0) / each
+    beyond = np.maximum(misfit - _most_of_noise(each), 0.0) / each
     share: Floats = (beside**2 / _mean_square(fit)).sum(axis=1) * beyond / np.maximum(misfit, each)
     return share
+
+
+def _most_of_noise(freedom: int) -> float:
+    """Returns what χ² exceeds once in a thousand, after Wilson and Hilferty: its cube root is nearly normal."""
+    variance = 2.0 / (9.0 * freedom)
+    return freedom * float((1.0 - variance + DEVIATIONS * math.sqrt(variance)) ** 3)
 
 
 def _mean_square(fit: Fit) -> Floats:
