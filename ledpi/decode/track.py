@@ -88,7 +88,6 @@ class Track:
     fits: tuple[Floats, ...] = ()  # unknowns of the last ones, while it was read
     picture: PanelPicture | None = None  # that it is followed by, once there were enough
     waits: bool = False  # the frame had no time for it: the next one is to show it
-    is_none: bool = False  # surely no panel: it ends with the frame
 
     @property
     def place(self) -> Place:
@@ -106,7 +105,7 @@ class Tracker:
 
     def begin_frame(self, now_ns: int) -> None:
         """Starts a frame. Tracks end after MAX_GAP_NS without their square, and all end where time does not advance."""
-        self._tracks = [t for t in self._tracks if 0 < now_ns - t.state.seen_ns <= MAX_GAP_NS and not t.is_none]
+        self._tracks = [t for t in self._tracks if 0 < now_ns - t.state.seen_ns <= MAX_GAP_NS]
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
     def read_tracks(self) -> list[Track]:
@@ -118,18 +117,15 @@ class Tracker:
         return sorted(known, key=lambda t: t.state.seen_ns)
 
     def unread_tracks(self) -> list[Track]:
-        """The tracks of other squares, which may become panels: of the last frame, or it had no time for them.
-
-        The longest unseen first, and of those the newest.
+        """The tracks of other squares of the last frame, which may become panels; the newest first.
 
         A square that overlaps a panel is a part of it, or its surroundings. One that many frames have shown without a
         reading is a lamp or a window.
         """
         seen = [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._now_ns]
         self._tracks = [t for t in self._tracks if t in seen or not any(_overlap(t.place, p.place) for p in seen)]
-        others = [t for t in self._tracks if not t.history.identity and (t.waits or t.state.seen_ns == self._before_ns)]
-        followed = [t for t in reversed(others) if t.history.frames < FOLLOWED_FRAMES.get(t.history.state, math.inf)]
-        return sorted(followed, key=lambda t: t.state.seen_ns)
+        others = [t for t in self._tracks if not t.history.identity and t.state.seen_ns == self._before_ns]
+        return [t for t in reversed(others) if t.history.frames < FOLLOWED_FRAMES.get(t.history.state, math.inf)]
 
     def continue_track(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The quad that was fitted at the track's prediction, in the track's order; None if it cannot be the track's.
@@ -149,11 +145,6 @@ class Tracker:
     def panels_shown(self) -> list[bool]:
         """For each panel that was read, and had its turn, whether this frame has shown it."""
         return [t.state.seen_ns == self._now_ns for t in self._tracks if t.history.identity and not t.waits]
-
-    def is_missing(self, corners_px: Floats) -> bool:
-        """Tells whether a panel that was read should be at these corners (4, 2), and was not shown there."""
-        unseen = [t for t in self._tracks if t.history.last is not None and t.state.seen_ns != self._now_ns]
-        return bool(unseen) and any(_overlap(_place(corners_px), t.place) for t in unseen)
 
     def is_followed(self, corners_px: Floats, within: float = SAME_CELLS) -> bool:
         """Tells whether a square with these corners (4, 2) belongs to a track that this frame has shown, or that waits.

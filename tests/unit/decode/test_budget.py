@@ -22,7 +22,7 @@ from tests.builders.daemon import SIMULATED, controller
 from tests.builders.decode import PINHOLE, Bits, Canvas, camera_info, panel_settings, square, word
 
 RATE_HZ = 30
-CANDIDATE = 80_000  # places that one takes which is fitted, and compared, as long as it may be
+CANDIDATE = 40_000  # places that a fit takes which goes on as long as it may
 FOLLOWED, NEW = (square(200.3, 150.6, 90, 4), word(7)), (square(450.3, 310.6, 50, -5), word(23))
 COMES = 4  # frames after which NEW is in view
 
@@ -70,7 +70,7 @@ def test_a_panel_that_comes_among_128_squares_is_read_within_a_second() -> None:
 
 
 IDS = (0, 7, 12, 42)
-TOO_SMALL = 30_000  # for two that are followed
+TOO_SMALL = 9_000  # for two that are followed
 WAITS = "track.no_time"
 
 
