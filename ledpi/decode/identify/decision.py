@@ -73,16 +73,16 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
     if not fit.is_finite:
         return UNFIT
     reading = _judge(as_noise(evidence, fit), codebook, needed)
-    if isinstance(reading, Reading):
-        by_cells = _judge(with_model_error(evidence, fit, codebook.white[fit.codewords[0]]), codebook, needed)
-        reading = (
-            by_cells
-            if isinstance(by_cells, Rejected)
-            else reading._replace(margin=min(reading.margin, by_cells.margin))
-        )
-    if isinstance(reading, Reading) and has_other_class(evidence, fit, needed):
+    if isinstance(reading, Rejected):
+        return reading
+    by_cells = _judge(with_model_error(evidence, fit, codebook.white[fit.codewords[0]]), codebook, needed)
+    if isinstance(by_cells, Rejected):
+        return by_cells
+    if (by_cells.id, by_cells.quarter_turns) != (reading.id, reading.quarter_turns):
+        return AMBIGUOUS
+    if has_other_class(evidence, fit, needed):
         return INCONSISTENT
-    return reading if isinstance(reading, Rejected) else reading._replace(likelihood=fit.likelihood[0])
+    return reading._replace(margin=min(reading.margin, by_cells.margin), likelihood=fit.likelihood[0])
 
 
 def _judge(evidence: Evidence, codebook: Codebook, needed: float) -> Reading | Rejected:
