@@ -2,7 +2,7 @@
 #define BLACK_HALF_PERIOD_CYCLES 6400u /* 1250.0000 Hz, +0.0 ppm from 1250 Hz */
 #define WHITE_HALF_PERIOD_CYCLES 3265u /* 2450.2297 Hz, +93.8 ppm from 2450 Hz */
 #define WHITE_DELAY_CYCLES 0u
-#define DEFAULT_ID 7 /* of DICT_4X4_50 */
+#define DEFAULT_ID 7 /* in DICT_4X4_50 */
 #define ID_COUNT 50
 #define BUILD_KEY 0x212A
 #define WORDS \

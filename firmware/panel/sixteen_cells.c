@@ -52,7 +52,7 @@ ISR(TIMER1_COMPA_vect)
     PINB = black.b;
     PINC = black.c;
     OCR1A += BLACK_HALF_PERIOD_CYCLES;
-    sei(); /* what is left is not urgent: the other class's edge need not wait for it */
+    sei(); /* the rest is not urgent: the other class's edge need not wait for it */
     black_on = ~black_on;
 }
 
@@ -62,7 +62,7 @@ ISR(TIMER1_COMPB_vect)
     PINB = white.b;
     PINC = white.c;
     OCR1B += WHITE_HALF_PERIOD_CYCLES;
-    sei(); /* what is left is not urgent: the other class's edge need not wait for it */
+    sei(); /* the rest is not urgent: the other class's edge need not wait for it */
     white_on = ~white_on;
 }
 

@@ -18,11 +18,11 @@
 #include <stdint.h>
 
 #define LEDPI_VERSION 1
-#define LEDPI_MAX_CODED_BYTES 39                 /* of a frame, without its delimiter */
+#define LEDPI_MAX_CODED_BYTES 39                 /* a frame, without its delimiter */
 #define LEDPI_UNKNOWN_DEVIATION UINT32_MAX
 #define LEDPI_UNKNOWN_TEMPERATURE INT8_MIN       /* all other unknown values are their type's largest */
 
-/* What `ledpi_feed` has just completed. */
+/* The kind of message that `ledpi_feed` has just completed. */
 typedef enum { LEDPI_NOTHING = 0, LEDPI_MARKER = 1, LEDPI_FIX = 2, LEDPI_STATUS = 3, LEDPI_STATE = 4, LEDPI_TIME_ASK = 17 } ledpi_kind;
 
 typedef enum { LEDPI_STARTING, LEDPI_RUNNING, LEDPI_CAMERA_LOST, LEDPI_STOPPING, LEDPI_STATE_UNKNOWN = 255 } ledpi_daemon_state;
@@ -49,7 +49,7 @@ typedef struct {
     int32_t position_100um[3];
     int16_t quaternion_q15[4];       /* w, x, y, z */
     uint32_t deviation_100um[3];     /* standard deviations along x, y, z, or LEDPI_UNKNOWN_DEVIATION */
-    uint32_t deviation_100urad[3];   /* of the rotation about x, y, z */
+    uint32_t deviation_100urad[3];   /* rotation about x, y, z */
 } ledpi_pose;
 
 typedef struct {
@@ -77,14 +77,14 @@ typedef struct {
     uint32_t uptime_s, frames, frames_dropped, markers, packets_dropped;
 } ledpi_status;
 
-/* What the state rests on at the moment it holds. LEDPI_BY_PANELS: no odometry was heard, it goes on as it moved. */
+/* Sources of the state at the moment it holds. LEDPI_BY_PANELS: no odometry was heard, it goes on as it moved. */
 typedef enum { LEDPI_NO_STATE, LEDPI_BY_PANELS, LEDPI_BY_ODOMETRY } ledpi_mode;
 
 /* map_from_base_link in the plane; without a state (`mode`) all numbers but the last three mean nothing. */
 typedef struct {
     int32_t x_100um, y_100um;
     int16_t yaw_100urad, speed_mm_s, turn_mrad_s; /* to the left; ahead; to the left */
-    uint32_t deviations[3];                       /* of x and y in 0.1 mm, of yaw in 0.1 mrad */
+    uint32_t deviations[3];                       /* x and y in 0.1 mm, yaw in 0.1 mrad */
     int8_t correlations_127[3];                   /* x with y, x with yaw, y with yaw; 127 is 1 */
     uint32_t clock_us;                            /* yours, at which it holds, if `has_clock` */
     uint16_t panel_age_ms, way_cm;                /* since the newest panel's picture; 65534: that or more */
@@ -101,9 +101,9 @@ typedef struct {
         ledpi_fix fix;
         ledpi_status status;
         ledpi_state state;
-        uint16_t time_number; /* of LEDPI_TIME_ASK: answer it by `ledpi_write_time` */
+        uint16_t time_number; /* LEDPI_TIME_ASK's: answer it by `ledpi_write_time` */
     } message;         /* the one that `ledpi_feed` has just completed, until it is called again */
-    uint16_t sequence; /* of the newest frame whose CRC was right */
+    uint16_t sequence; /* the newest frame's whose CRC was right */
     uint32_t good, lost, restarts;
     uint32_t faults[LEDPI_WHOLE]; /* by ledpi_fault */
 
@@ -219,7 +219,7 @@ static inline ledpi_fault ledpi_read_fix(const uint8_t *b, ledpi_fix *fix)
 static inline ledpi_fault ledpi_read_state(const uint8_t *b, ledpi_state *state)
 {
     const uint8_t flags = b[30], mode = flags & 7;
-    uint8_t unknown = 0; /* of 11 numbers: all or none */
+    uint8_t unknown = 0; /* among 11 numbers: all or none */
     if (flags & 0xC0 || mode > LEDPI_BY_ODOMETRY)
         return LEDPI_OTHER_FLAGS;
     state->x_100um = ledpi_i24(b + 4);
@@ -373,7 +373,7 @@ static inline bool ledpi_guard_may_drive(ledpi_guard *guard, uint32_t now_ms)
     return guard->has_fix;
 }
 
-/* What a controller may say: its odometry, 10 to 100 times a second, and answers to each LEDPI_TIME_ASK.
+/* Messages of a controller: its odometry, 10 to 100 times a second, and answers to each LEDPI_TIME_ASK.
  *
  *     static ledpi_sender sender;                   // all zero is its start
  *     static uint8_t buffer[LEDPI_ODOMETRY_BYTES];  // for either
@@ -392,7 +392,7 @@ static inline bool ledpi_guard_may_drive(ledpi_guard *guard, uint32_t now_ms)
 typedef struct {
     uint32_t clock_us;                  /* when they were read; the clock of the answers */
     int32_t left_100um, right_100um;    /* each wheel's way, ahead; LEDPI_NO_TOTAL, both: there are no wheels */
-    int32_t yaw_100urad;                /* of a gyro, to the left; LEDPI_NO_TOTAL: there is none */
+    int32_t yaw_100urad;                /* a gyro's, to the left; LEDPI_NO_TOTAL: there is none */
     bool restarted, lifted, slipping;   /* the totals begin anew; the robot may be anywhere; the wheels tell nothing */
 } ledpi_odometry;
 

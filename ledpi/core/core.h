@@ -12,7 +12,7 @@
 
 /* ---- Codewords and other patterns (codewords.c, neighbours.c, hill_climb.c) */
 
-enum { LEDPI_MOST_CELLS = 64 }; /* of a pattern: a bit for each */
+enum { LEDPI_MOST_CELLS = 64 }; /* in a pattern: a bit for each */
 
 ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                           const double *prior, const float *codewords, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
@@ -39,7 +39,7 @@ typedef struct {
     int32_t brighter_than[LEDPI_MOST_LEVELS], lit_by[LEDPI_MOST_SHARES], shortest;
 } FindLevel;
 
-/* What is looked for: squares of at least `smallest_px`, of `cells` along a side. */
+/* Search: squares of at least `smallest_px`, of `cells` along a side. */
 typedef struct {
     double smallest_px;
     ptrdiff_t cells;
@@ -69,7 +69,7 @@ ptrdiff_t ledpi_lattice_squares(const PyramidPicture *pictures, ptrdiff_t count,
 
 /* ---- A glance at candidates, by one template (glance.c) */
 
-/* What may be there: its mean light (size), and the directions (ranks, size) in which that varies: each as long as the root of
+/* Hypothesis: its mean light (size), and the directions (ranks, size) in which that varies: each as long as the root of
  * the share of its variance that is not noise. */
 typedef struct {
     const float *mean, *directions;
@@ -94,7 +94,7 @@ typedef struct {
 
 enum { LEDPI_GLIMPSE = 18 };
 
-/* What is looked at. Where a pyramid (count) has bands `bridged`, too the picture that shows them (else no pixels): there part of
+/* The pictures to search. Where a pyramid (count) has bands `bridged`, too the picture that shows them (else no pixels): there part of
  * a panel is darker than by `most_dimmed` of what is bright. */
 typedef struct {
     const PyramidPicture *pyramid;
@@ -121,7 +121,7 @@ typedef struct {
     ptrdiff_t cells;
     const float *waves;
     double cycles_a_row[2], scale, dark;
-    /* Of the grid, in cells from the first corner, the same across and down. And what unknowns are expected to be, and one
+    /* The grid, in cells from the first corner, the same across and down. And what unknowns are expected to be, and one
      * over the variance: (2, unknowns). */
     ptrdiff_t lines;
     const double *along, *prior;
@@ -131,10 +131,10 @@ typedef struct {
     ptrdiff_t rounds, reweightings;
     bool banded, phasing, must_blink;
     double tolerance, most_left, most_sigma;
-    /* Where it begins, and what fits best: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
+    /* Start and result: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
     double corners[8];
     double *unknown;
-    /* What follows from it: corners of what is lit, and their covariance, also by how far they would move without any one
+    /* Derived from it: corners of what is lit, and their covariance, also by how far they would move without any one
      * of the cells, where blocks are weighed; how many cells of each side (left, right, above,
      * below) something hides; the share of the light's squares about their mean that is explained; the rest's mean. */
     double lit[8], hidden[4], covariance[64], jackknife[64], explained, variance;

@@ -1,4 +1,4 @@
-/* What the loops share. Every function takes arrays as numpy lays them out (C order), keeps nothing, and
+/* Shared by the loops. Every function takes arrays as numpy lays them out (C order), keeps nothing, and
  * touches no element beyond the sizes that it is given. Numbers that are not finite are legal everywhere. */
 #ifndef LEDPI_KERNELS_H
 #define LEDPI_KERNELS_H

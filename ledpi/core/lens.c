@@ -56,7 +56,7 @@ void ledpi_project(const Lens *lens, const double at[3], double pixel[2], double
     }
 }
 
-/* How far from the axis (tan θ) something is that is seen `away` from there, in focal lengths, if L alone bends it. */
+/* Distance from the axis (tan θ) of a point seen `away` from there, in focal lengths, if L alone bends it. */
 static double radius_seen_at(const Lens *lens, double away) {
     double low = 0.0, high = sqrt(lens->most_r2);
     double r = lens->equidistant != 0.0 ? tan(fmin(away, 1.5)) : away;

@@ -110,7 +110,7 @@ LEDPI_SIMD double ledpi_eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from
     return explained;
 }
 
-/* What may be singular but for rounding, made solvable. */
+/* A ridge: a matrix that is singular but for rounding becomes solvable. */
 static void ridge(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to, double share) {
     double mean = 0.0;
     for (ptrdiff_t j = from; j < to; j++) mean += matrix[j * (size + 2)] / (double)(to - from);

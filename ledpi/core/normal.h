@@ -8,7 +8,7 @@
 #include "simd.h"
 
 #define LEDPI_AT_ONCE 64 /* rows whose 100 columns or so stay in the cache */
-#define LEDPI_RIDGE 1e-5 /* of the mean diagonal: what may be singular but for rounding is made solvable */
+#define LEDPI_RIDGE 1e-5 /* × the mean diagonal: a matrix that is singular but for rounding becomes solvable */
 
 /* The sum of the products of two columns; `count` is a multiple of eight. */
 static LEDPI_INLINE float ledpi_product(const float *a, const float *b, ptrdiff_t count) {
@@ -30,7 +30,7 @@ void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, flo
  * side; only what is on and above the diagonal is used. Returns what these unknowns explain of the squares. */
 double ledpi_eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to);
 
-/* What is left of a symmetric matrix (size, size + 1; right side last; used up) once the first `nuisances` unknowns are
+/* Schur complement: the rest of a symmetric matrix (size, size + 1; right side last; used up) once the first `nuisances` unknowns are
  * eliminated, over the variance of what then is left and every cell has bands of its own. False where it cannot be. */
 bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squares, double freedom,
                  double *score, double *information);

@@ -8,7 +8,7 @@
 
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
 #define LEDPI_SIMD __attribute__((target_clones("fma", "default")))
-#define LEDPI_SIMD_BYTES __attribute__((target_clones("avx2", "default"))) /* of which "fma" knows nothing */
+#define LEDPI_SIMD_BYTES __attribute__((target_clones("avx2", "default"))) /* "fma" adds nothing to them */
 #else
 #define LEDPI_SIMD
 #define LEDPI_SIMD_BYTES

@@ -62,7 +62,7 @@ static void quaternion_of(const double r[9], double q[4]) {
     for (int i = 0; i < 4; i++) q[i] = row[i] / length;
 }
 
-/* Of `count` squares with `sides_m` (count,), seen at `corners_px` (count, 4, 2), whose errors `whiteners` (count, 8, 8) make
+/* Poses of `count` squares with `sides_m` (count,), seen at `corners_px` (count, 4, 2), whose errors `whiteners` (count, 8, 8) make
  * independent: two `solutions` each (count, 2), and whether there are any (count,). */
 void ledpi_solve_squares(const double *lens_numbers, const double *stop, ptrdiff_t count, const double *corners_px,
                          const double *whiteners, const double *sides_m, double *numbers, uint8_t *solved) {

@@ -1,4 +1,4 @@
-/* What the poses' loops share. */
+/* Shared by the loops of poses. */
 #ifndef LEDPI_POSE_H
 #define LEDPI_POSE_H
 

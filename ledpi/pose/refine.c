@@ -9,7 +9,7 @@ typedef struct {
     double information[6][6], pull[6];
 } Look;
 
-/* What four points add to a look. */
+/* Four points' part of a look. */
 static void look_at_four(Look *look, const double *points, const double *seen_px, const double *whitener, const Lens *lens,
                          double *off_px) {
     double slopes[8][6], off[8];

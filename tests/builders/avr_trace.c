@@ -21,13 +21,13 @@
 
 #define CLOCK_HZ 16000000.0
 #define EEPROM_BYTES 1024
-#define TICKS_PER_CYCLE 625 /* of 100 ps */
+#define TICKS_PER_CYCLE 625 /* in 100 ps */
 
 static avr_t *avr;
 static avr_timer_t *timer1;
 static avr_uart_t *uart;
 static FILE *trace;
-static avr_cycle_count_t late; /* how late simavr is with the match of Timer1 that it is about to show on a pin */
+static avr_cycle_count_t late; /* lateness of simavr's match of Timer1 that it is about to show on a pin */
 static unsigned char level[3][8];
 
 static char signal_of(int port, int pin) { return (char)('!' + 8 * port + pin); }
@@ -65,7 +65,7 @@ static void fail(const char *what, const char *name)
 static struct {
     char **waiting; /* SECONDS:HEX each, in order of time */
     int count;
-    const char *hex; /* what is still to come of the one that has begun */
+    const char *hex; /* the rest of the one that has begun */
     avr_cycle_count_t cycles_per_byte;
 } arrivals;
 

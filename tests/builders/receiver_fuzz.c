@@ -19,7 +19,7 @@ static void hold(bool promise)
         abort();
 }
 
-/* Of at most 254 bytes that are not 0 in a row, as here: each block's first byte leads to the next one. */
+/* A COBS block: at most 254 bytes that are not 0 in a row, as here: each block's first byte leads to the next one. */
 static size_t cobs(const uint8_t *from, size_t count, uint8_t *to)
 {
     size_t head = 0, length = 1;
@@ -34,7 +34,7 @@ static size_t cobs(const uint8_t *from, size_t count, uint8_t *to)
     return length;
 }
 
-/* What the header promises of a message. */
+/* The header's promises about a message. */
 static void check(const ledpi_receiver *r, ledpi_kind kind)
 {
     if (kind == LEDPI_STATUS) {

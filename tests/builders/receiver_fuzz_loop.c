@@ -9,7 +9,7 @@
 
 #include "receiver_fuzz.c"
 
-enum { CONTENT = 34 }; /* of every message, without its checksum */
+enum { CONTENT = 34 }; /* every message's, without its checksum */
 
 /* A marker, one without a pose, one at the limits, an alternate, a fix, a status and a state. */
 static const uint8_t sound[][CONTENT] = {

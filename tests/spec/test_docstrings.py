@@ -1,4 +1,4 @@
-"""Docstrings say what a thing is or does: they begin with a noun or a verb."""
+"""Docstrings and C's comments say what a thing is or does: they begin with a noun or a verb."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from tests.builders import ROOT
 
 # After the line that begins its class or function, or at the module's beginning.
 DOCSTRING = re.compile(r'(?:\A|:\n) *"""(\w+)')
+COMMENT = re.compile(r"/\*+\s*(\w+)")
 NEITHER = {"Of", "What", "Where", "Whether", "How"}
 FOLDERS = ("ledpi", "evaluation", "ros", "tests")
 
@@ -22,4 +23,17 @@ def test_they_begin_with_a_noun_or_a_verb() -> None:
         for found in DOCSTRING.finditer(text)
     ]
     assert len(begins) > 1000
+    assert [at for at, word in begins if word in NEITHER] == []
+
+
+def test_those_in_c_do_so_too() -> None:
+    """Each comment of the core and of the firmware, also behind a line."""
+    begins = [
+        (f"{path.relative_to(ROOT)}:{text.count(chr(10), 0, found.start(1)) + 1}", found[1].capitalize())
+        for folder in ("ledpi", "firmware")
+        for path in sorted((ROOT / folder).rglob("*.[ch]"))
+        for text in [path.read_text(encoding="utf-8")]
+        for found in COMMENT.finditer(text)
+    ]
+    assert len(begins) > 400
     assert [at for at, word in begins if word in NEITHER] == []

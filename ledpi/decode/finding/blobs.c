@@ -7,7 +7,7 @@
 #include "simd.h"
 
 #define LEAST_AREA 5.0 /* pixels that have second moments worth the name */
-#define LEAST_FULL 0.7 /* of the area of a parallelogram with its moments: what is bent or branched fills less */
+#define LEAST_FULL 0.7 /* share of a parallelogram with its moments: what is bent or branched fills less */
 
 /* The piece that a piece turned out to be a part of: the first of its blob. */
 static int32_t first_of(BlobPiece *pieces, int32_t i) {

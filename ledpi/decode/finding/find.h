@@ -1,4 +1,4 @@
-/* What finding consists of: what is lit (threshold.c), its outlines (outlines.c), the squares among them (four_sides.c), one of
+/* The steps of finding: lit pixels (threshold.c), its outlines (outlines.c), the squares among them (four_sides.c), one of
  * each thing (suppression.c). And all of that, level by level (find.c). */
 #ifndef LEDPI_FIND_H
 #define LEDPI_FIND_H
@@ -17,7 +17,7 @@ typedef struct {
 
 enum { REACH = 6, SPAN = 2 * REACH + 1, ROWS = 32, STRIP = ROWS + 2 * REACH };
 
-/* Of each pixel of a picture (height, width): how far it is `above` the darkest of the SPAN × SPAN around it, and their
+/* Contrast of each pixel of a picture (height, width): how far it is `above` the darkest of the SPAN × SPAN around it, and their
  * `contrast`, the brightest less the darkest. `room` (3, STRIP, width + 2 REACH). */
 void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room, uint8_t *above,
                     uint8_t *contrast);
@@ -26,10 +26,10 @@ void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, u
  * `room` (height, width) and (width + 2). */
 void ledpi_close(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room, uint8_t *closed);
 
-/* What is `lit`, 0 or 255, of `count` pixels that are closed: brighter than `level`. */
+/* Binarizes (`lit`, 0 or 255) `count` pixels that are closed: brighter than `level`. */
 void ledpi_brighter(const uint8_t *closed, ptrdiff_t count, int level, uint8_t *lit);
 
-/* What is `lit` (height, width), 0 or 255: more than `share` (in 256ths) of the contrast above the darkest; closed, and
+/* Binarizes (`lit` (height, width), 0 or 255): more than `share` (in 256ths) of the contrast above the darkest; closed, and
  * `opened` after that. `room` (height, width) and (width + 2). */
 void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share,
                const Limits *limits, bool opened, uint8_t *room, uint8_t *lit);
@@ -41,17 +41,17 @@ typedef struct {
     int32_t from, to, thing;
 } Run;
 
-/* What is connected. `same_as` is the number of another thing that it turned out to be a part of, or its own. */
+/* A connected component. `same_as` is the number of another thing that it turned out to be a part of, or its own. */
 typedef struct {
     int32_t same_as, left, top, right, bottom, lit, first; /* the first pixel of its top row; how many are lit */
 } Thing;
 
 typedef struct {
-    int32_t first, length, top, bottom, left, right; /* of its points; its box */
+    int32_t first, length, top, bottom, left, right; /* its points; its box */
     double area;
 } Outline;
 
-/* How many there are; `at_border`: of outlines that are but for touching the picture's border. */
+/* Counts; `at_border`: of outlines that are but for touching the picture's border. */
 typedef struct {
     ptrdiff_t outlines, at_border;
 } Outlined;
@@ -75,13 +75,13 @@ typedef struct {
 bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double scale, const Limits *limits,
                      int32_t (*ends)[2], double (*hull)[2], Square *square);
 
-/* Of squares (count) those, in `kept` (count), that are of no thing which another fits better; the best first. Returns how
+/* Suppression: squares (count), in `kept` (count), of no thing which another fits better; the best first. Returns how
  * many. */
 ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, int64_t *kept);
 
 enum { MOST_COMPARED = 512 }; /* that are looked at for cells of each other */
 
-/* Of the `kept` (count) those that are no cells of another one of them, of `cells` × `cells`. Returns how many. */
+/* Keeps of the `kept` (count) those that are no cells of another one of them, of `cells` × `cells`. Returns how many. */
 ptrdiff_t ledpi_drop_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
                               int64_t *kept);
 

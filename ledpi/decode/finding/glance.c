@@ -12,13 +12,13 @@
 
 enum { ROUNDS = 3 };
 enum { MOST = 256 }; /* that are looked at: what has more is texture */
-#define SAME 0.25 /* of a cell: candidates no further apart lead to the same fit */
+#define SAME 0.25 /* cells: candidates no further apart lead to the same fit */
 #define LEAST_CELL 5.0 /* pixels, of the smallest picture in which a candidate is looked at */
 #define DARKEST 0.05 /* quantiles: of the light around, what is taken for dark; of that within, for the panel's own */
 #define BRIGHT 0.8
-#define MOST_MOVE 0.1 /* of half the side, in a round: as far as the slopes hold */
+#define MOST_MOVE 0.1 /* half sides, in a round: as far as the slopes hold */
 #define SMALL_MOVE 0.004 /* a hundredth of a cell: it is there */
-#define LEAST_GAIN 0.2 /* of a panel's own light: what moves it is divided by no less */
+#define LEAST_GAIN 0.2 /* share of a panel's own light: what moves it is divided by no less */
 #define FARTHEST 3.0 /* sizes of the picture */
 
 static double side_of(const double *c) {
@@ -107,7 +107,7 @@ static LEDPI_INLINE bool moves(const GlanceTemplate *t, const double h[9], const
     return true;
 }
 
-/* How much likelier a panel is than texture, both of a variance that nothing is known of. */
+/* Log-likelihood ratio of a panel to texture, both of a variance that nothing is known of. */
 static double evidence_of(const GlanceTemplate *t, double panel, double texture) {
     return 0.5 * (t->independent * log(texture / panel) - t->log_volume);
 }
@@ -158,7 +158,7 @@ static int likelier_first(const void *one, const void *other) {
     return (a < b) - (a > b);
 }
 
-/* Whether each corner of one square is near one of the other's, in whichever order both are. */
+/* True if each corner of one square is near one of the other's, in whichever order both are. */
 static bool are_near(const double *one, const double *other, double near) {
     for (int i = 0; i < 4; i++) {
         bool found = false;
@@ -169,7 +169,7 @@ static bool are_near(const double *one, const double *other, double near) {
     return true;
 }
 
-/* Of those that lead to one fit the first is kept. Returns how many are. */
+/* Keeps the first of those that lead to one fit. Returns how many are kept. */
 static ptrdiff_t keep_distinct(const GlanceTemplate *t, bool moved, ptrdiff_t count, Glimpse *glimpses) {
     ptrdiff_t kept = 0;
     for (ptrdiff_t i = 0; i < count; i++) {

@@ -13,12 +13,12 @@
 static const ptrdiff_t AROUND[] = {8, 4};
 enum { WIDEST = 8, PAD = 16 };
 #define CONTRAST 4 /* grey levels: twice what read-out noise leaves of a mean over a few pixels */
-#define MIN_SEEN 0.6 /* of the cells: others may be dead, hidden, or one with their neighbours */
-#define MIN_FULL 0.5 /* of a cell's area: walls of up to a fifth of a cell, and what blur takes of it at either side */
+#define MIN_SEEN 0.6 /* share of the cells: others may be dead, hidden, or one with their neighbours */
+#define MIN_FULL 0.5 /* share of a cell's area: walls of up to a fifth of a cell, and what blur takes of it at either side */
 enum { MOST_LEDS = 3 }; /* along a cell: each may be seen by itself */
 enum { PASSES = 3 }; /* in which a homography's weights settle */
 enum { BESIDE = 2 }; /* rows of other spots that may continue a lattice of cells: one on each side */
-enum { MOST_PIECES = 40000, MOST_BLOBS = 1500, MOST_LATTICES = 400 }; /* of a picture: what has more is texture */
+enum { MOST_PIECES = 40000, MOST_BLOBS = 1500, MOST_LATTICES = 400 }; /* in a picture: what has more is texture */
 enum { SPAN_NODES = LEDPI_LATTICE_SPAN * LEDPI_LATTICE_SPAN, NUMBERS = 8 };
 
 typedef struct {
@@ -38,7 +38,7 @@ static inline void change(const uint8_t *restrict in, const uint8_t *restrict ou
     for (ptrdiff_t i = 0; i < count; i++) sums[i] = (uint16_t)(sums[i] + in[i] - out[i]);
 }
 
-/* Of a row what is `lit`: `area` times a pixel is more than the sum around it and `least`; halves where sums are. */
+/* Binarizes a row (`lit`): `area` times a pixel is more than the sum around it and `least`; halves where sums are. */
 static inline void compare(const uint8_t *restrict row, const uint16_t *restrict sums, const uint16_t *restrict last, ptrdiff_t count,
                            uint16_t area, uint16_t least, bool halved, uint8_t *restrict lit) {
     if (halved)
@@ -49,7 +49,7 @@ static inline void compare(const uint8_t *restrict row, const uint16_t *restrict
             lit[i] = (uint16_t)(area * row[i]) > (uint16_t)(sums[i] + last[i] + least) ? 255 : 0;
 }
 
-/* What is `lit` (height, width), 0 or 255: brighter by CONTRAST than the mean of the pixels up to `reach` to either side; those
+/* Binarizes (`lit` (height, width), 0 or 255): brighter by CONTRAST than the mean of the pixels up to `reach` to either side; those
  * of the border count for what is beyond. Sums are of columns, then of rows; halves, of many, so that 16 bits hold them.
  * `room` (4, width + 2 PAD). */
 LEDPI_SIMD_BYTES static void put_lit(const PyramidPicture *from, ptrdiff_t reach, uint16_t *room, uint8_t *lit) {
@@ -190,7 +190,7 @@ static bool put_corners(const Nodes *n, const Part *part, double scale, double c
     return true;
 }
 
-/* How many of a part's nodes are seen, and their area. */
+/* Number of a part's nodes that are seen, and their area. */
 static ptrdiff_t seen_in(const Nodes *n, const Part *part, double *area) {
     ptrdiff_t seen = 0;
     *area = 0.0;

@@ -14,7 +14,7 @@ enum { LATTICE_SPAN = LEDPI_LATTICE_SPAN };
 #define SQUARE 0.4 /* cosine of the angle between both steps, at most */
 #define EVEN 1.8   /* the length of one over the other's, */
 #define ALIKE 3.5  /* and the area of a blob over its neighbour's: hot spots, gains, perspective */
-#define ASTRAY 0.3 /* of a step, from where the next blob should be */
+#define ASTRAY 0.3 /* steps, from where the next blob should be */
 
 enum { NEAR = 12 }; /* neighbours that are looked at */
 

@@ -45,7 +45,7 @@ ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *l
     return distinct;
 }
 
-/* Whether a square's middle lies within another, whose corners run clockwise in the picture. */
+/* True if a square's middle lies within another, whose corners run clockwise in the picture. */
 static bool is_within(const Square *square, const Square *other) {
     double middle[2] = {0.0, 0.0};
     for (int k = 0; k < 8; k++) middle[k % 2] += 0.25 * square->corners[k / 2][k % 2];

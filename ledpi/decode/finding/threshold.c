@@ -1,4 +1,4 @@
-/* What is lit in a picture. Rows are walked byte beside byte, with nothing that
+/* Binarization: the lit pixels of a picture. Rows are walked byte beside byte, with nothing that
  * depends on the one before, so that a compiler can take many at once. */
 #include <string.h>
 
@@ -39,7 +39,7 @@ static inline void extremes(const uint8_t *picture, ptrdiff_t height, ptrdiff_t 
     join_span(into, 1, ROWS * stride, most, work);
 }
 
-/* Of `count` pixels how far they, and the brightest ones around, are above the darkest around. */
+/* Contrast of `count` pixels: how far they, and the brightest ones around, are above the darkest around. */
 static inline void compare(const uint8_t *picture, const uint8_t *brightest, const uint8_t *darkest, ptrdiff_t count,
                     uint8_t *restrict above, uint8_t *restrict contrast) {
     for (ptrdiff_t i = 0; i < count; i++) {
@@ -63,7 +63,7 @@ LEDPI_SIMD_BYTES void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, p
     }
 }
 
-/* Of each pixel and its eight neighbours the brightest (or darkest); there are none beyond the picture. `row` (width + 2). */
+/* The brightest (or darkest) among each pixel and its eight neighbours; there are none beyond the picture. `row` (width + 2). */
 static inline void neighbours(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, bool most, uint8_t *row,
                               uint8_t *into) {
     for (ptrdiff_t y = 0; y < height; y++) {

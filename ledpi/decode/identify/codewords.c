@@ -1,4 +1,4 @@
-/* How well codewords explain the evidence of a panel's cells: decode/identify/codewords.py has the equations. */
+/* Likelihoods: how well codewords explain the evidence of a panel's cells: decode/identify/codewords.py has the equations. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -10,14 +10,14 @@
 #include "codewords.h"
 
 enum {
-    NUMBERS = 5, /* what a cell says of one wave by itself: x, y; xx, xy, yy */
+    NUMBERS = 5, /* a cell's sums for one wave: x, y; xx, xy, yy */
     LANES = 4, /* codewords that are weighed at a time */
 };
 
 typedef double Lanes __attribute__((vector_size(LANES * sizeof(double))));
 
-#define MOST_GAIN 40.0 /* what e is taken to the power of; more is as sure */
-#define SMALLEST_LOG (-600.0) /* of a sum that is a number */
+#define MOST_GAIN 40.0 /* exponents of e; more is as sure */
+#define SMALLEST_LOG (-600.0) /* the least a finite sum has */
 
 /* Per cell, and in the last line of all together, NUMBERS for each wave. */
 static void put_numbers(const Evidence *evidence, double *numbers) {
@@ -36,7 +36,7 @@ static void put_numbers(const Evidence *evidence, double *numbers) {
         }
 }
 
-/* What the prior says by itself: the inverse of it, and what it makes of a determinant. */
+/* The prior alone: the inverse of it, and what it makes of a determinant. */
 typedef struct {
     double inverse[MOST], determinant, log_determinant;
 } Prior;
@@ -51,7 +51,7 @@ static Prior prior_of(const Evidence *evidence) {
     return prior;
 }
 
-/* What LANES codewords explain of the squares, and the determinants of their matrices, as far as each cell tells by itself:
+/* Squares that LANES codewords explain, and the determinants of their matrices, as far as each cell tells by itself:
  * from the numbers of all cells, and their sums over those that are white. */
 static LEDPI_INLINE void weigh(const double *total, const Lanes *sums, const Prior *prior, Lanes *squares, Lanes *determinant,
                                const ptrdiff_t waves) {
@@ -99,7 +99,7 @@ static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double
     return found;
 }
 
-/* What follows is compiled for either number of parameters, as loops of a known length are unrolled. */
+/* The rest is compiled for either number of parameters, as loops of a known length are unrolled. */
 LEDPI_SIMD static ptrdiff_t roughly(const Evidence *evidence, const double *numbers, const float *codewords, ptrdiff_t count,
                                     ptrdiff_t most, int64_t *shortlist, double *rough) {
     return evidence->parameters == 4 ? put_roughly(evidence, numbers, codewords, count, most, shortlist, rough, 2)
@@ -200,7 +200,7 @@ static double least_of_rows(ptrdiff_t cells, const double *numbers) {
     return least;
 }
 
-/* What each cell would gain by showing `other` bands (cells, parameters) in place of those `shown`: `gain` (cells,), given
+/* Gain of each cell by showing `other` bands (cells, parameters) in place of those `shown`: `gain` (cells,), given
  * those of the other cells. Returns how much likelier cells are with their bands than with none, in the row or column where
  * that is the least. */
 LEDPI_SIMD double ledpi_class_flip_gains(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
@@ -230,7 +230,7 @@ LEDPI_SIMD double ledpi_class_flip_gains(ptrdiff_t cells, ptrdiff_t parameters, 
     return least_of_rows(cells, blinks);
 }
 
-/* What speaks against a codeword (cells,) with these bands (parameters,): what each cell would gain by the other class and the
+/* Evidence against a codeword (cells,) with these bands (parameters,): what each cell would gain by the other class and the
  * weakest row (above); how likely its negative is, and one class for all cells; and what bands of their own in every cell
  * explain. `shown` (cells, parameters) are the bands in each cell, `matrix` (size, size + 1) is room to work in. */
 static void speak_against(const Evidence *evidence, const float *white, const double *bands, double *shown, double *gain,

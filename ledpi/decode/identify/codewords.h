@@ -1,4 +1,4 @@
-/* What codewords, and patterns near them, are weighed by: codewords.c, neighbours.c. */
+/* Weighs codewords and patterns near them: codewords.c, neighbours.c. */
 #ifndef LEDPI_CODEWORDS_H
 #define LEDPI_CODEWORDS_H
 
@@ -13,13 +13,13 @@ typedef struct {
     const double *score, *information, *prior;
 } Evidence;
 
-/* How much of the wave that parameter i belongs to a cell shows, whose class is `white` by 1 or black by 0. */
+/* Share that a cell shows of the wave of parameter i, whose class is `white` by 1 or black by 0. */
 static inline double share_of(const Evidence *evidence, double white, ptrdiff_t i) {
     if (evidence->parameters == 2) return 1.0 - 2.0 * white;
     return i < 2 ? 1.0 - white : white;
 }
 
-/* What all cells that share the bands of a codeword say of these: matrix (parameters, parameters) and right side. `shares`
+/* Normal equations of the bands, by all cells of a codeword that share them: matrix (parameters, parameters) and right side. `shares`
  * (cells, parameters) are `share_of` each cell and wave. */
 /* Which cells (cells,) the evidence holds nothing of. Returns how many. */
 ptrdiff_t ledpi_put_erased(const Evidence *evidence, uint8_t *erased);

@@ -1,4 +1,4 @@
-/* How likely the likeliest pattern is that is no codeword: sought from the codeword and from many phases, each cell as they fit
+/* Likelihood of the likeliest pattern that is no codeword: sought from the codeword and from many phases, each cell as they fit
  * it best; then one cell after the other. In antiphase a pattern's negative is the pattern. */
 #include "patterns.h"
 
@@ -7,11 +7,11 @@
 enum { PHASES = 8, CLIMBERS = 4, CLIMBS = 5 };
 enum { MET = 2048 }; /* more than PHASES² + CLIMBERS·(CLIMBS − 1)·MOST_CELLS, and a power of 2 */
 
-/* What was tried so far, and what waits to be weighed. */
+/* Patterns tried so far, and those that wait to be weighed. */
 typedef struct {
     uint64_t met[MET];
     Pattern waiting[LANES];
-    double log_of_prior, likeliest; /* of what the prior makes of a determinant; of the patterns beyond */
+    double log_of_prior, likeliest; /* the prior's part of a determinant; among the patterns beyond */
     uint64_t likeliest_changed;     /* that one's cells that are not the codeword's */
     ptrdiff_t wait, known, correctable, found;
     int64_t best[CLIMBERS]; /* (found,) the likeliest, and how likely these are */
@@ -26,7 +26,7 @@ static LEDPI_INLINE void weigh_waiting(Climb *climb, const ptrdiff_t parameters)
         const double own = 0.5 * (squares[n] - log(determinant[n]) + climb->log_of_prior);
         const uint64_t changed = climb->waiting[n].changed;
         ptrdiff_t apart = __builtin_popcountll(changed);
-        if (parameters == 2 && climb->known - apart < apart) apart = climb->known - apart; /* of the codeword or its negative */
+        if (parameters == 2 && climb->known - apart < apart) apart = climb->known - apart; /* from the codeword or its negative */
         climb->found = ledpi_put((int64_t)changed, own, climb->found, CLIMBERS, climb->best, climb->of);
         if (apart > climb->correctable && (own > climb->likeliest || isnan(own))) {
             climb->likeliest = own;
@@ -41,7 +41,7 @@ static LEDPI_INLINE void try_pattern(const Pattern *pattern, Climb *climb, const
     if (climb->wait == LANES) weigh_waiting(climb, parameters);
 }
 
-/* How well each of PHASES of a wave, as deep as expected, explains a cell. */
+/* Likelihood of a cell for each of PHASES of a wave that is as deep as expected. */
 static LEDPI_INLINE void put_phases(const Evidence *evidence, ptrdiff_t cell, ptrdiff_t wave, double *explained,
                                     const ptrdiff_t parameters) {
     const ptrdiff_t size = evidence->cells * parameters, at = cell * parameters + 2 * wave;

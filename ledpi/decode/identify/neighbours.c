@@ -1,10 +1,10 @@
-/* How likely patterns near a codeword are, each with the bands that fit it best. */
+/* Likelihoods of patterns near a codeword, each with the bands that fit it best. */
 #include "patterns.h"
 
 enum { BEAM = 16 }; /* patterns from which others are tried that differ in one more cell: with 8, the likeliest was missed */
 enum { MET = 4 * BEAM * MOST_CELLS }; /* more than are tried, and a power of 2 */
 
-/* What is known of the patterns that differ in so many cells, and of all before. */
+/* Sums over the patterns that differ in so many cells, and over all before. */
 typedef struct {
     bool counts, last; /* in the sum; no others are tried from these */
     double most, sum; /* the sum of the likelihoods over e^most, the largest of them */

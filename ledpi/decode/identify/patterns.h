@@ -14,7 +14,7 @@ enum { MOST_CELLS = LEDPI_MOST_CELLS };
 
 /* A codeword, and how one cell's change changes what all cells that share its bands say of these. */
 typedef struct {
-    double matrix[MOST][MOST], right[MOST]; /* of the codeword itself; the prior is in it */
+    double matrix[MOST][MOST], right[MOST]; /* the codeword's own; the prior is in it */
     double change[MOST_CELLS * MOST]; /* (cells, parameters) of what a cell shows of each wave, when of the other class */
     double crossed[MOST_CELLS * MOST * MOST]; /* (cells, parameters, parameters) that with what all cells of the codeword show */
 } Around;
@@ -83,7 +83,7 @@ static LEDPI_INLINE void change_cell(const Evidence *evidence, const Around *aro
 enum { LANES = 4 }; /* patterns that are weighed at a time */
 typedef double Lanes __attribute__((vector_size(LANES * sizeof(double))));
 
-/* What LANES patterns explain of the squares, and the determinants of their matrices, by the factors L·D·Lᵀ. */
+/* Squares that LANES patterns explain, and the determinants of their matrices, by the factors L·D·Lᵀ. */
 static LEDPI_INLINE void weigh(const Pattern *patterns, Lanes *squares, Lanes *determinant, const ptrdiff_t parameters) {
     Lanes factor[MOST][MOST], inverse[MOST], solved[MOST];
     *squares = (Lanes){0};
@@ -106,7 +106,7 @@ static LEDPI_INLINE void weigh(const Pattern *patterns, Lanes *squares, Lanes *d
     }
 }
 
-/* Whether a pattern other than the codeword, by its changed cells, is met with for the first time: then it is in `met` (size,),
+/* True if a pattern other than the codeword, by its changed cells, is met with for the first time: then it is in `met` (size,),
  * a power of 2 that is more than there are patterns, and at most 4096. */
 static inline bool is_new(uint64_t *met, ptrdiff_t size, uint64_t changed) {
     for (ptrdiff_t at = (ptrdiff_t)(changed * UINT64_C(0x9e3779b97f4a7c15) >> 52);; at++) {

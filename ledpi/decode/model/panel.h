@@ -10,17 +10,17 @@
 
 enum {
     WAYS = 8, /* in which a homography can be wrong */
-    HARMONICS = 4, SHAPES = 13, /* of a cell's profile along a cell, and of both together */
+    HARMONICS = 4, SHAPES = 13, /* in a cell's profile along a cell, and in both together */
     OWN = 3, /* unknowns of a cell: its gain, and how much it shows of either class's wave */
-    /* Where in the unknowns: those of the panel, then each cell's OWN. As in decode/model/prior.py. */
+    /* Indices of the unknowns: those of the panel, then each cell's OWN. As in decode/model/prior.py. */
     BLUR = WAYS, GAP, RIM, SHAPE = RIM + 4, PHASE = SHAPE + SHAPES, BESIDE = PHASE + 2, DARK = BESIDE + 4, ASIDE, DEPTH = ASIDE + 2, GLOW, SMEAR, COMMON,
     RESIDUAL = COMMON, DENSE = 40, /* columns of a sample: COMMON, its residual, and what pads them */
     MOST_CELLS = LEDPI_MOST_SIDE, MOST_ROWS = 512,
     MOST_OWN = OWN * MOST_CELLS * MOST_CELLS, MOST_UNKNOWN = COMMON + MOST_OWN,
-    WAVE_STEPS = 512, /* of a period */
+    WAVE_STEPS = 512, /* in a period */
 };
 
-#define NO_LIGHT 1e-3f /* of a cell's own: less is none */
+#define NO_LIGHT 1e-3f /* × a cell's own: less is none */
 
 /* Light (rows, columns) of a part of the picture, each of `shrink` pixels a side, the first one's centre at `first`. */
 typedef struct {
@@ -51,7 +51,7 @@ typedef struct {
     LINE(Floats);
     Floats at; /* 0..1 across the panel */
     int32_t cell[2][LEDPI_WIDTH];
-    bool is_between, is_beside; /* whether the second cells count, and what is before and after */
+    bool is_between, is_beside; /* the second cells count, and what is before and after */
 } Lines;
 
 /* A class's wave in a row, of a phase in row 0, in cycles; and its slope by phase. */
@@ -65,7 +65,7 @@ static inline float ledpi_panel_wave(const Panel *panel, ptrdiff_t k, float phas
     return here + (at - (float)step) * rise;
 }
 
-/* What eight places are explained by: the slopes of what is predicted by COMMON, and the residual, all weighted; by the OWN
+/* The model at eight places: the slopes of what is predicted by COMMON, and the residual, all weighted; by the OWN
  * of the cells that meet there (the nearest down and across, then the next), not weighted. */
 typedef struct {
     Floats by[DENSE], own[2][2][OWN], seen, predicted, weight, row, outside; /* row of the picture; share beside the panel */
@@ -76,7 +76,7 @@ typedef struct {
 static const int8_t LEDPI_SHAPE[SHAPES][2] = {{1, 0}, {0, 1}, {2, 0}, {0, 2}, {3, 0}, {0, 3}, {4, 0},
                                               {0, 4}, {1, 1}, {2, 1}, {1, 2}, {2, 2}, {3, 3}};
 
-/* What the profile is along a line down, for each of its cells: factors of the harmonics across, and their slopes down. */
+/* The profile along a line down, for each of its cells: factors of the harmonics across, and their slopes down. */
 typedef struct {
     float by[2][HARMONICS + 1], steep[2][HARMONICS + 1];
 } Profile;
@@ -105,7 +105,7 @@ void ledpi_panel_lines(const Line *lines, const double *along, ptrdiff_t count, 
 void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown, const Profile *profile,
                         const Lines *across, const Line *down, float v, Samples *out);
 
-/* What is seen at eight places u, v of the panel (0..1): `seen`, `row` and `tells` (panel_light.c). */
+/* Samples at eight places u, v of the panel (0..1): `seen`, `row` and `tells` (panel_light.c). */
 void ledpi_panel_look(const Panel *panel, const View *view, const float *h, const float *u, float v, Samples *out);
 
 /* Squares of the light that bands explain, and that they should. */

@@ -1,4 +1,4 @@
-/* What a fitted panel's light says of the bands in each cell: the fit's own equation once more, with bands that are free.
+/* Evidence of a fitted panel's light for the bands in each cell: the fit's own equation once more, with bands that are free.
  *
  * About the fit, light is linear in what is not known: the panel's COMMON, each cell's gain, cosine and sine of each wave in
  * each cell. Of the normal equations COMMON and gains are eliminated, held by the fit's priors; what is left are score and
@@ -15,7 +15,7 @@
 #include "simd.h"
 
 #define TURN 6.283185307179586
-/* Of COMMON, which lacks phases here, as bands are free: the light's level, where frames are compared. */
+/* Indices in COMMON, which lacks phases here, as bands are free: the light's level, where frames are compared. */
 #define LEVEL PHASE
 
 typedef struct {
@@ -65,7 +65,7 @@ static LEDPI_INLINE float put_met(const Weighing *w, const Samples *s, int lane,
     return bands;
 }
 
-/* What a sample shows: of a frame by itself, of the mean, or of how they differ; and the deviation of its noise, over one
+/* A sample: of a frame by itself, of the mean, or of how they differ; and the deviation of its noise, over one
  * frame's. */
 typedef struct {
     float left, level, deviation, waves[FREE - 1];
@@ -252,7 +252,7 @@ static LEDPI_SIMD void sum_up(const Weighing *w, Sums *sums) {
     ledpi_add_products(sums->shared, sums->places, w->width, sums->shared2);
 }
 
-/* Where one of all cells' FREE is in the matrix: after COMMON the gains, then the bands, cell by cell. */
+/* Index of one of all cells' FREE in the matrix: after COMMON the gains, then the bands, cell by cell. */
 static ptrdiff_t place_of(const Weighing *w, ptrdiff_t one) {
     const ptrdiff_t cell = one / w->free, k = one % w->free;
     if (w->asked->compared) return COMMON + one;
@@ -264,7 +264,7 @@ static double add_prior(const Weighing *w, ptrdiff_t unknown, double variance, p
     const ptrdiff_t all = COMMON + OWN * w->fit.panel.cells * w->fit.panel.cells, size = COMMON + w->frees;
     const double weight = variance * w->fit.prior[all + unknown];
     const double off = unknown < WAYS || w->asked->compared ? 0.0 : w->fit.prior[unknown] - w->fit.unknown[unknown];
-    const double told = fmax(0.0, matrix[at * (size + 2)]); /* what cells share is taken off, so rounding may leave less than none */
+    const double told = fmax(0.0, matrix[at * (size + 2)]); /* the cells' common part is taken off, so rounding may leave less than none */
     *fitted += told / fmax(told + weight, 1e-12);
     matrix[at * (size + 2)] += weight;
     matrix[at * (size + 1) + size] += weight * off;
@@ -337,7 +337,7 @@ bool ledpi_panel_evidence(PanelEvidence *asked, uint8_t *room) {
     ledpi_panel_put_grid(&w.fit, h, work);
     put_samples(&w, work, sums);
     if (!asked->compared) each_place(&w, take_shared_off, sums);
-    if (!asked->mean_light) weigh_places(&w, sums); /* of a mean the fit has no bands, so they would be left there */
+    if (!asked->mean_light) weigh_places(&w, sums); /* the fit of a mean has no bands, so they would be left there */
     const double variance = weigh_blocks(&w, work, sums);
     sum_up(&w, sums);
     const double squares = put_matrix(&w, sums, variance);

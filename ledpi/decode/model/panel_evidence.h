@@ -5,8 +5,8 @@
 #include "panel_fit.h"
 
 enum {
-    MOST_EACH = LEDPI_MOST_EACH, LINES = MOST_EACH * MOST_CELLS, /* of the grid: along a cell, and in all */
-    FREE = 5, MOST_FREE = FREE * MOST_CELLS * MOST_CELLS, /* of a cell: its gain, cosine and sine of either wave; of all */
+    MOST_EACH = LEDPI_MOST_EACH, LINES = MOST_EACH * MOST_CELLS, /* the grid's: along a cell, and in all */
+    FREE = 5, MOST_FREE = FREE * MOST_CELLS * MOST_CELLS, /* a cell's gain, cosine and sine of either wave; all cells' */
     MOST_SUMS = DENSE + MOST_FREE, /* a multiple of LEDPI_WIDTH */
     PADDED = 8, /* a cell's FREE, padded to whole vectors */
 };
@@ -29,7 +29,7 @@ typedef struct {
     float shared[MOST_EACH * MOST_EACH * MOST_SUMS], shared2[MOST_SUMS * MOST_SUMS];
     double matrix[MOST_SUMS * (MOST_SUMS + 1)], solution[MOST_SUMS];
     ptrdiff_t samples, places;
-    double fitted; /* how many unknowns the samples decide, and not what is known beforehand */
+    double fitted; /* number of unknowns that the samples decide, and not the prior */
 } Sums;
 
 typedef struct {

@@ -4,15 +4,15 @@
 
 #include "panel_fit.h"
 
-#define SETTLED_SHARE 0.1 /* of the squared residuals: so well is the noise known, and no better, as samples move with the corners */
+#define SETTLED_SHARE 0.1 /* share of the squared residuals: so well is the noise known, and no better, as samples move with the corners */
 #define WEIGHED_SHARE 0.5 /* and while more of them than this will go, what does not fit is not told from what is not fitted yet */
-#define SHALLOW 0.25 /* of the squares that bands should explain */
+#define SHALLOW 0.25 /* share of the squares that bands should explain */
 #define NATS_NEEDED 11.3
-#define NEAR 0.01 /* of half the side: a step so short no longer moves samples */
+#define NEAR 0.01 /* half sides: a step so short no longer moves samples */
 
 ptrdiff_t ledpi_panel_room(void) { return (ptrdiff_t)sizeof(Work); }
 
-/* What is foreseen: that a step leaves too much, or that corners are too uncertain after one more like it; else it will do. */
+/* Early stop, as foreseen: a step leaves too much, or corners are too uncertain after one more like it; else it will do. */
 static int outlook(Fitting *fit, const double h[9], Work *work) {
     const double kept = fmax(0.0, 1.0 - work->decrease);
     if ((1.0 - fit->explained) * kept > fit->asked->most_left) return LEDPI_MISFIT;
@@ -33,7 +33,7 @@ static void seen_through(const Lens *lens, Point corners[4]) {
 
 static double variance_of(const Work *work) { return fmax(work->left / fmax((double)work->samples, 1.0), 1e-9); }
 
-/* Whether bands of the expected depth would be seen, and are not: of half of it, or less. What is seen then is unlikelier by
+/* True if bands of the expected depth would be seen, and are not: of half of it, or less. What is seen then is unlikelier by
  * ½(√expected − √seen)² nats, of variance 1, than what would be; at so many this is wrong in one of a million (½z²). */
 static bool is_without_bands(Bands bands, const Work *work) {
     return bands.seen < SHALLOW * bands.expected && 0.5 * SHALLOW * bands.expected > NATS_NEEDED * variance_of(work);
@@ -63,7 +63,7 @@ static float ridge_of(const Fitting *fit, const Work *work) {
     return (float)(variance_of(work) * fit->prior[unknowns + COMMON + 1]);
 }
 
-/* Where a step began. */
+/* The start of a step. */
 typedef struct {
     Point corners[4];
     double unknown[MOST_UNKNOWN], variance;
@@ -123,7 +123,7 @@ static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
         if (near && fit->reweightings) {
             ledpi_panel_weigh_blocks(fit->panel.cells, work);
             fit->reweightings--;
-            start.variance = INFINITY; /* of other weights */
+            start.variance = INFINITY; /* it had other weights */
         }
     }
 }

@@ -33,16 +33,16 @@ typedef struct {
 typedef struct {
     Line grid[2][LEDPI_MOST_LINES];
     Lines across[LEDPI_MOST_LINES / LEDPI_WIDTH];
-    float numbers[9], unknown[MOST_UNKNOWN]; /* of the homography; as they are before this round */
+    float numbers[9], unknown[MOST_UNKNOWN]; /* the homography's; as they are before this round */
     float columns[(LEDPI_AT_ONCE + LEDPI_MOST_LINES + LEDPI_WIDTH) * DENSE];
     Products products;
     double matrix[MOST_UNKNOWN * (MOST_UNKNOWN + 1)], step[MOST_UNKNOWN];
     float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];
-    int16_t block[LEDPI_MOST_LINES][LEDPI_MOST_LINES]; /* of the grid's places, down and across */
+    int16_t block[LEDPI_MOST_LINES][LEDPI_MOST_LINES]; /* the grid's places, down and across */
     double weight[MOST_BLOCKS], squares[MOST_BLOCKS], sum[MOST_BLOCKS], count[MOST_BLOCKS];
     double left, inside, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
-    double decrease; /* of the squared residuals, that the step should bring: a share of them */
-    ptrdiff_t samples, sampled; /* of this round, of all */
+    double decrease; /* part of the squared residuals that the step should bring: a share of them */
+    ptrdiff_t samples, sampled; /* in this round, in all */
 } Work;
 
 static inline ptrdiff_t ledpi_panel_rows(const Fitting *fit) { return fit->view.rows < MOST_ROWS ? fit->view.rows : MOST_ROWS; }
@@ -130,7 +130,7 @@ double ledpi_panel_take_step(Fitting *fit, const double h[9], Work *work);
 /* Corners of what is lit, and how many cells of each side (left, right, above, below) something hides. */
 void ledpi_panel_put_lit(Fitting *fit, const double h[9], double hidden[4]);
 
-/* How the coordinates of the corners of what is lit go with COMMON. */
+/* Slopes of the coordinates of the lit square's corners by COMMON. */
 void ledpi_panel_put_slopes(const Fitting *fit, const double h[9], double by[8][COMMON]);
 
 /* A right side that is zero but for COMMON, eliminated as the matrix A is: of two, bᵀA⁻¹c is the sum of products over pivots. */

@@ -11,10 +11,10 @@
 #include "simd.h"
 
 enum { ROUNDS = 6, MOST_BANDS = 4, MOST_SLOPES = COMMON + MOST_CELLS * MOST_CELLS };
-#define MOST_MOVE 0.1 /* of half the side, in a round: as far as the slopes hold */
-#define SMALL_MOVE 1e-3 /* of half the side: what the next round would move is a tenth of it, or less */
-#define MOST_LOST 0.01 /* of the picture's weight: the covariance, which does not know of it, is too small by as much */
-#define LEAST_GAIN 0.2 /* of the light when it was fitted: what moves a panel is divided by no less */
+#define MOST_MOVE 0.1 /* half sides, in a round: as far as the slopes hold */
+#define SMALL_MOVE 1e-3 /* half sides: what the next round would move is a tenth of it, or less */
+#define MOST_LOST 0.01 /* share of the picture's weight: the covariance, which does not know of it, is too small by as much */
+#define LEAST_GAIN 0.2 /* share of the light when it was fitted: what moves a panel is divided by no less */
 
 /* The pixel of a place in the panel, and how that changes with the place. */
 static void put_pixel(const double h[9], const Lens *lens, const double place[2], double pixel[2], double by[2][2]) {
@@ -124,7 +124,7 @@ LEDPI_SIMD void ledpi_panel_picture(const PanelFit *fitted, const double *shares
     weigh(work, p);
 }
 
-/* What is unknown in a frame: by the template's slopes, and of the bands; in `room` (2 + 2·MOST_BANDS, size) residuals, rows and
+/* A frame's unknowns: by the template's slopes, and of the bands; in `room` (2 + 2·MOST_BANDS, size) residuals, rows and
  * the columns of the bands. */
 typedef struct {
     double with[MOST_SLOPES], step[MOST_SLOPES], mixed[MOST_BANDS][MOST_SLOPES], by[MOST_BANDS][MOST_SLOPES], bands[MOST_BANDS];

@@ -14,7 +14,7 @@
 /* A number for each of the eight coordinates: eight also where the processor's own vectors hold four. */
 typedef float Coordinates __attribute__((vector_size(32), aligned(4)));
 
-/* Of all eight coordinates side by side. */
+/* All eight coordinates side by side. */
 typedef struct {
     Coordinates influence[MOST_UNKNOWN]; /* in the matrix's order, each cell's own first */
     Coordinates moved[MOST_CELLS * MOST_CELLS], leverage[MOST_CELLS * MOST_CELLS];
@@ -63,7 +63,7 @@ static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdi
     }
 }
 
-/* What is added up is turned into a covariance. */
+/* Turns the sums into a covariance. */
 static void put_squares(Jackknife *all, ptrdiff_t cells, double covariance[64]) {
     memset(covariance, 0, 64 * sizeof *covariance);
     for (ptrdiff_t c = 0; c < cells * cells; c++) {

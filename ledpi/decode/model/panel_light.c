@@ -1,4 +1,4 @@
-/* What a panel sends to a place of the picture, and how that changes with every unknown: the one equation.
+/* Light that a panel sends to a place of the picture, and how it changes with every unknown: the one equation.
  *
  *   light(U, V) = dark + Σ_c A_c(U)·A_c(V)·S(x, y)·(gain_c + a_c·w_A(row) + b_c·w_B(row)) + Σ_side level·O_side
  *
@@ -14,7 +14,7 @@
 #define ROOT_HALF 0.7071067811865476
 #define FAR 4.0 /* deviations beyond an edge, where a thirtieth of NO_LIGHT is left */
 #define TURN 6.283185307179586
-/* Of full light: what noise in the dark and read-out weighs, and the texture of what is beside the panel. */
+/* Shares of full light: what noise in the dark and read-out weighs, and the texture of what is beside the panel. */
 #define DARK_NOISE 0.1f
 #define TEXTURE 1.0f
 
@@ -107,7 +107,7 @@ Profile ledpi_panel_profile(const float *unknown, const Line *down) {
     return profile;
 }
 
-/* Of eight places: waves there and their slopes, what is predicted, and its slopes by place across and down. */
+/* Eight places: waves there and their slopes, what is predicted, and its slopes by place across and down. */
 typedef struct {
     Floats wave[2], later[2], slope[2];
 } Terms;
@@ -131,7 +131,7 @@ static LEDPI_INLINE void put_bent(const Lens *l, Floats *x, Floats *y) {
         if (r2[lane] > (float)l->most_r2) (*x)[lane] = -INFINITY;
 }
 
-/* Where the eight places are seen, in the view's pixels; the picture's row. */
+/* Projects the eight places: the view's pixels; the picture's row. */
 static LEDPI_INLINE void put_places(const View *view, const float *h, Floats u, float v, Floats *x, Floats *y, Floats *row) {
     const Floats w = 1.0f / (h[6] * u + (h[7] * v + h[8]));
     *x = (h[0] * u + (h[1] * v + h[2])) * w, *y = (h[3] * u + (h[4] * v + h[5])) * w;
@@ -141,7 +141,7 @@ static LEDPI_INLINE void put_places(const View *view, const float *h, Floats u, 
     *x = (*x - (float)view->first_x) * size, *y = (*y - (float)view->first_y) * size;
 }
 
-/* Of four pixels in a row what Catmull and Rom's cubic gives each, `at` from the second to the third. It follows what a lens
+/* Weights of four pixels in a row by Catmull and Rom's cubic, `at` from the second to the third. It follows what a lens
  * shows of a wall where straight lines are off by more than bands are deep, and blurs it alike between pixels. */
 static LEDPI_INLINE void put_taps(float at, float tap[4]) {
     tap[0] = ((-0.5f * at + 1.0f) * at - 0.5f) * at, tap[1] = (1.5f * at - 2.5f) * at * at + 1.0f;

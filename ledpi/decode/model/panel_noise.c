@@ -1,4 +1,4 @@
-/* How far noise is alike in samples near each other: by interpolation, and as a camera's processor leaves it.
+/* Correlation of noise in samples near each other: by interpolation, and as a camera's processor leaves it.
  *
  * Bands are coarse, so they meet the sum R of the noise's autocorrelation r(l) over all lags l, not r(0) alone. A fit takes
  * some of white noise with it: of two samples the product of their residuals is r(l) less what their unknowns share, P(l).

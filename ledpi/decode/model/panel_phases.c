@@ -3,7 +3,7 @@
 
 #include "panel.h"
 
-enum { PHASES = 12 }; /* of half a cycle: a mix of either sign is a wave that is half a cycle later */
+enum { PHASES = 12 }; /* in half a cycle: a mix of either sign is a wave that is half a cycle later */
 
 /* Sums over a cell's rows: of its steady light with itself, and with what is seen; of either wave with these, and with
  * itself, the mean taken off. */
@@ -31,7 +31,7 @@ static Sums sums_of(ptrdiff_t rows, const float *own, const float *seen, float w
     return s;
 }
 
-/* What both waves explain beside a gain, in log-likelihood's unit times two. A wave that is all but even in a cell tells
+/* Squares that both waves explain beside a gain, in log-likelihood's unit times two. A wave that is all but even in a cell tells
  * nothing of it: how much a cell shows of one has a prior, `ridge` of which is the noise over its variance. */
 static float explained(const Sums *s, int a, int b, float both, float ridge) {
     const float aa = s->square[0][a] + ridge, bb = s->square[1][b] + ridge;
@@ -41,7 +41,7 @@ static float explained(const Sums *s, int a, int b, float both, float ridge) {
 }
 
 static float wave_at(const float *table, double cycles) {
-    double turn = cycles - (double)(ptrdiff_t)cycles; /* what is cut off may be negative */
+    double turn = cycles - (double)(ptrdiff_t)cycles; /* the fraction may be negative */
     if (turn < 0.0) turn += 1.0;
     const double at = turn * WAVE_STEPS;
     ptrdiff_t step = (ptrdiff_t)at;

@@ -3,8 +3,8 @@
 
 #include "panel_fit.h"
 
-#define MOST_STEP 0.1 /* of half the side: as far as the slopes hold */
-#define MOST_BLURRING 0.3 /* of the blur's logarithm */
+#define MOST_STEP 0.1 /* half sides: as far as the slopes hold */
+#define MOST_BLURRING 0.3 /* in the blur's logarithm */
 #define MOST_TURN 0.1 /* cycles of a phase: as far as its wave's slope holds */
 #define LEAST_GAIN 0.02
 #define HELD 1e12 /* one over the variance of what cannot move */
@@ -19,7 +19,7 @@ static ptrdiff_t unknown_at(const Fitting *fit, ptrdiff_t i) {
     return i < fit->owns ? COMMON + i / fit->own * OWN + i % fit->own : i - fit->owns;
 }
 
-/* Whether an unknown is at one of its LIMITS, which the slope (of the log-likelihood) would have it cross. */
+/* True if an unknown is at one of its LIMITS, which the slope (of the log-likelihood) would have it cross. */
 static bool is_held(ptrdiff_t at, double unknown, double slope) {
     for (size_t i = 0; i < sizeof LIMITS / sizeof *LIMITS; i++)
         if (at >= LIMITS[i].at && at < LIMITS[i].at + LIMITS[i].count)

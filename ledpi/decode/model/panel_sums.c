@@ -13,7 +13,7 @@ static const double MOST_BLUR_CELLS = 1.0;
 
 static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-/* How far aside, across and down, a line of sight to the panel's middle goes for each step inwards. */
+/* Slant, across and down, of a line of sight to the panel's middle, for each step inwards. */
 static void put_sight(const View *view, const double h[9], double sight[2]) {
     double to[3][3]; /* across, down, and to the middle, in the camera's frame */
     for (int k = 0; k < 3; k++) {
@@ -102,7 +102,7 @@ static LEDPI_INLINE void add_own(Products *products, ptrdiff_t own, const Owned 
         }
 }
 
-/* What `ledpi_panel_phases` asks for: of one cell's light the part that its own unknowns explain. */
+/* Samples for `ledpi_panel_phases`: of one cell's light the part that its own unknowns explain. */
 static void add_row(const Fitting *fit, const Owned *met, float row_px, float residual, ptrdiff_t rows, Work *work) {
     const ptrdiff_t row = (ptrdiff_t)((row_px - fit->view.first_y) / fit->view.shrink + 0.5);
     if (row < 0 || row >= rows) return;
@@ -164,7 +164,7 @@ LEDPI_SIMD void ledpi_panel_sum_up(const Fitting *fit, bool phasing, Work *work)
     for (ptrdiff_t i = 0; i < COMMON + OWN * cells * cells; i++) work->unknown[i] = (float)fit->unknown[i];
     if (phasing)
         for (int k = 0; k < 2; k++) memset(work->by_row[k], 0, (size_t)(cells * cells * ledpi_panel_rows(fit)) * sizeof(float));
-    ptrdiff_t count = 0; /* of columns that wait */
+    ptrdiff_t count = 0; /* columns that wait */
     for (ptrdiff_t j = 0; j < fit->lines; j++) {
         const Profile profile = ledpi_panel_profile(work->unknown, &work->grid[1][j]);
         for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH, count += LEDPI_WIDTH) {
