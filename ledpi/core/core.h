@@ -104,8 +104,8 @@ typedef struct {
 } GlancePictures;
 
 void ledpi_glance_at(const GlanceTemplate *glance, const GlancePictures *in, float *work, ptrdiff_t most, Glimpse *glimpses);
-ptrdiff_t ledpi_glance(const GlanceTemplate *glance, const GlancePictures *in, double smallest_px, float *work, ptrdiff_t most,
-                       Glimpse *glimpses);
+ptrdiff_t ledpi_glance(const GlanceTemplate *glance, const GlancePictures *in, double smallest_px, ptrdiff_t at_once, ptrdiff_t turn,
+                       float *work, ptrdiff_t most, Glimpse *glimpses);
 
 /* ---- A panel's picture, fitted to light (panel_fit.c) */
 

@@ -15,9 +15,9 @@ LOST_TICKS = 3
 LOST_BEHIND_TICKS = 30
 BEHIND_NS = 200_000_000
 SHARE = 0.9  # of a frame period: the rest is for capture and publisher
-# Budgets, in places at which the model is compared with the picture: what a candidate that is a panel takes, so that
-# each has its turn at last; and what a picture full of texture can use.
-MIN_BUDGET, MAX_BUDGET = 25_000, 1_000_000
+# Budgets, in places (pipeline/likelihood.py): what a new panel takes, so that each has its turn at last; and what a
+# picture full of texture can use.
+MIN_BUDGET, MAX_BUDGET = 100_000, 2_000_000
 PACE_MEMORY = 0.05  # weight of a new frame: speeds change as processors are throttled, within seconds
 
 
@@ -84,13 +84,12 @@ class Pacing:
     """Pacing of one daemon. The decoder counts its work in places; only here is it known how long these take."""
 
     period_ms: float
-    unit_ms: float = 0.0003  # that a place takes, all else counted in: before the first frame, a PC's; a Pi's is 0.0015
+    unit_ms: float = 0.0002  # that a place takes, all else counted in: before the first frame, a PC's; a Pi's is 0.001
 
     def budget_after(self, spent: int, took_ms: float) -> int:
         """For the next frame, after one that compared at so many places and took so long.
 
-        One that compared at less than a candidate's has done little else but find; it tells the less of what a place
-        takes.
+        One that has spent less than a new panel's tells the less of what a place takes.
         """
         if spent > 0:
             weight = PACE_MEMORY * min(spent / MIN_BUDGET, 1.0)

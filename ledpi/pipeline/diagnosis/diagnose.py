@@ -41,7 +41,7 @@ _BLINKS = (
     *("identify.not_in_dictionary", "identify.ambiguous", "identify.inconsistent_cells"),
     *("track.innovation", "track.contradicted"),
 )
-_NO_BANDS = ("fit.no_bands", "identify.no_bands")
+_NO_BANDS = ("fit.no_bands", "identify.no_bands", "identify.steady")
 _AFTER_FIT = ("cells", "identify", "suppression", "pose", "track")  # stages that only see what looks like a panel
 
 

@@ -190,7 +190,7 @@ def test_what_is_lit_but_does_not_blink_is_rejected(side: float) -> None:
     lamp.lamp(corners, 0.4)
     for seed in range(4):
         assert isinstance(read_at(panel.frame(seed), corners, ALL), Rejected)
-        assert side < 60 or reading_of(read_at(lamp.frame(seed), corners, ALL)) == "identify.no_bands"
+        assert side < 60 or reading_of(read_at(lamp.frame(seed), corners, ALL)) == "identify.steady"
 
 
 def printed_marker(u: Floats, v: Floats) -> Floats:
