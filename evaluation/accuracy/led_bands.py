@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 
 from evaluation import ROOT
 from ledpi.core.records import Frame
-from ledpi.core.shutter import row_weights
-from ledpi.core.tone import linear_light
+from ledpi.core.shutter import linear_light, row_weights
 from ledpi.workshop.calibrate.lamp import lamp_frequency, lamp_rows
 
 Floats = NDArray[np.float64]

@@ -26,7 +26,7 @@ from evaluation.suites.oracle import read_with_oracle
 from ledpi.config.settings import load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import CameraInfo, Frame
-from ledpi.core.tone import linear_light
+from ledpi.core.shutter import linear_light
 from ledpi.pipeline.pipeline import Pipeline
 
 Floats = NDArray[np.float64]

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, FACING_FROM_MARKER, matrix_from_rpy_deg, transform
-from ledpi.core.records import Floats
-from ledpi.pose.panel_map import MapPanel
+from ledpi.core.records import Floats, MapPanel
 from ledpi.pose.planar import square_corners
 
 SIDE_M, HEIGHT_M = 0.16, 0.9

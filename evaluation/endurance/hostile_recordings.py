@@ -25,8 +25,7 @@ from ledpi.camera.factory import open_camera
 from ledpi.camera.recording.writer import RecordingWriter
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame
-from ledpi.pipeline.of_config import load_robot
-from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.pipeline import Pipeline, load_robot
 
 FRAMES = 4
 HEADER, LINES, MAP = "recording.yaml", "frames.jsonl", "markers.yaml"

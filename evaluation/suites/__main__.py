@@ -26,7 +26,7 @@ from ledpi.cli.simulate import TransferName
 from ledpi.config.overrides import METHODS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
-from ledpi.core.str_enum import StrEnum
+from ledpi.core.wording import StrEnum
 from ledpi.workshop.evaluate.page import PAGE_FILE, ResultsFolder, summary, write_results
 
 

@@ -8,12 +8,12 @@ from functools import lru_cache
 
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected
+from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.history import History, Identity
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.locate import Locator
-from ledpi.decode.observation import Observation
 from ledpi.decode.reader import Reader
 from ledpi.workshop.evaluate.scoring import Found, Read
 

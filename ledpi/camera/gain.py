@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.records import Floats, Frame
-from ledpi.core.tone import SATURATED, linear_light
+from ledpi.core.shutter import SATURATED, linear_light
 
 FIRST_GAIN = 4.0  # a panel in a lit room at 10 ms, by order of magnitude; the sweep goes on from there
 # Of full scale, in linear light, for a panel's brightest pixels, the crests of the bands among them. Half leaves room

@@ -11,8 +11,7 @@ from ledpi.cli import CONFIG, SET, app
 from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import ConfigError
 from ledpi.daemon.reporting import log_to_standard_error
-from ledpi.daemon.tap.of_config import of_config
-from ledpi.daemon.tap.places import AUTO
+from ledpi.daemon.tap.places import AUTO, of_config
 from ledpi.links.bridge import Bridge
 from ledpi.links.factory import open_target
 

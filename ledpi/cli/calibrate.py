@@ -14,7 +14,7 @@ from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.files import read_bytes
 from ledpi.core.records import Pixels
-from ledpi.core.str_enum import StrEnum
+from ledpi.core.wording import StrEnum
 from ledpi.workshop.calibrate.board_sheet import sheet_pdf
 from ledpi.workshop.calibrate.boards import Board
 from ledpi.workshop.calibrate.files import change_config, write_keeping_old

@@ -25,9 +25,8 @@ from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
 from ledpi.core.row_clock import row_time_note
 from ledpi.core.wording import one_line
 from ledpi.decode.identify.frequency_search import off_frequency_note
-from ledpi.pipeline.of_config import load_robot, pipeline_of
 from ledpi.pipeline.output import decoded_as_json, state_as_json
-from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.pipeline import Pipeline, load_robot, pipeline_of
 from ledpi.state.estimator import State
 from ledpi.wire.diary import Replay, read_diary
 from ledpi.wire.keeper import Keeper

@@ -19,8 +19,7 @@ from ledpi.core.records import CameraInfo
 from ledpi.core.wording import counted
 from ledpi.daemon.recorder import FrameWriter, Recorded, Recorder
 from ledpi.daemon.takes import TakeWriter
-from ledpi.pipeline.of_config import pipeline_of
-from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.pipeline import Pipeline, pipeline_of
 
 TICK_S = 0.1
 

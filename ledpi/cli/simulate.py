@@ -19,8 +19,7 @@ from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec
-from ledpi.core.str_enum import StrEnum
-from ledpi.core.wording import counted
+from ledpi.core.wording import StrEnum, counted
 from ledpi.workshop.calibrate.boards import Board
 from ledpi.workshop.calibrate.files import write_keeping_old
 

@@ -23,7 +23,7 @@ from ledpi.core.errors import CameraError, ConfigError, RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues
 from ledpi.daemon.tap.frames import settings_of
 from ledpi.pipeline.diagnosis.why_not import RUN_FRAMES, Why
-from ledpi.pipeline.of_config import pipeline_of
+from ledpi.pipeline.pipeline import pipeline_of
 from ledpi.workshop.snapshot.page import draw
 from ledpi.workshop.snapshot.record import explain, take
 from ledpi.workshop.snapshot.sources import LOOK_FRAMES, Looking, connected, showing_a_panel

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import os
+import re
+import secrets
 import signal
 import socket
 import stat
@@ -16,15 +19,16 @@ import typer
 from ledpi.cli import CONFIG, SET, app
 from ledpi.config.settings import Config, ViewSettings, find_config, load_config
 from ledpi.core.errors import ConfigError
+from ledpi.core.files import put_in_place, read_text, write_beside
 from ledpi.daemon.reporting import log_to_standard_error
-from ledpi.daemon.tap.of_config import of_config
+from ledpi.daemon.tap.places import of_config
 from ledpi.page.guard import Guard, metrics_token
 from ledpi.page.hub import Hub
-from ledpi.page.own_token import kept_token
 from ledpi.page.server import ViewServer
 from ledpi.page.settings import Settings
 
 _M_ARENA_MAX = -8  # of glibc's malloc.h
+_log = logging.getLogger("ledpi.view")
 
 
 @app.command()
@@ -69,9 +73,7 @@ def _warn_of_readable_token(settings: Config, file: Path | None) -> None:
         return
     if file.stat().st_mode & stat.S_IROTH:
         remedy = f"chgrp ledpi {file}; chmod 640 {file}"
-        logging.getLogger("ledpi.view").warning(
-            "view.token: every user of this machine can read it in %s; remedy: %s", file, remedy
-        )
+        _log.warning("view.token: every user of this machine can read it in %s; remedy: %s", file, remedy)
 
 
 def _share_memory() -> None:
@@ -99,3 +101,21 @@ def _shown_host(server: ViewServer) -> str:
     if host in ("0.0.0.0", "::"):
         return socket.gethostname()
     return f"[{host}]" if ":" in host else host
+
+
+def kept_token() -> str:
+    """Returns the one in systemd's state folder, so that an address which was kept works after a reboot, too."""
+    token = secrets.token_urlsafe(24)
+    folder = os.environ.get("STATE_DIRECTORY")
+    if not folder:
+        return token
+    file = Path(folder) / "token"
+    with suppress(ConfigError):  # not there yet, or of no use
+        kept = read_text(file, ConfigError)
+        if re.fullmatch(r"[\w-]{32}", kept, re.ASCII):
+            return kept
+    try:
+        put_in_place(write_beside(file, token.encode()), file)
+    except OSError as error:
+        _log.warning("the token is for this start alone: %s: %s", file, error.strerror)
+    return token

@@ -38,8 +38,7 @@ from ledpi.core.geometry import (
     quaternion_from_matrix,
     transform,
 )
-from ledpi.core.records import Floats, read_only
-from ledpi.pose.panel_map import MapPanel, PanelMap
+from ledpi.core.records import Floats, MapPanel, PanelMap, read_only
 
 ROUNDED = 0.01  # by which a rotation's lengths and angles may be off: a program has rounded it
 LEAST_MM, MOST_MM = 20.0, 1000 * MAX_SIDE_M  # smaller ones are no panels, but sizes in inches or metres

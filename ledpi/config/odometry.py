@@ -1,4 +1,4 @@
-"""The section `odometry`: where it comes from, and what it errs by."""
+"""The sections `robot` and `odometry`: how the camera sits on it, where its odometry comes from and how that errs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from ledpi.config.values import Section
+from ledpi.config.values import Angles, MountPosition, Section
 from ledpi.state.inputs import OdometryNoise
 
 # Per root of a metre or a second. A wheel that errs by its own way, or a gyro by a radian a second, measures nothing.
@@ -35,3 +35,17 @@ class OdometrySettings(Section):
         return OdometryNoise(
             base_m=self.base_m, way_per_m=own.way_per_m, yaw_per_m=own.yaw_per_m, yaw_per_s=own.yaw_per_s
         )
+
+
+class CameraMount(Section):
+    """base_link_from_camera_link: x ahead, y left, z up; zero looks ahead."""
+
+    position_m: MountPosition = (0.0, 0.0, 0.0)
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
+
+
+class RobotSettings(Section):
+    """The section `robot`."""
+
+    camera_mount: CameraMount = CameraMount()
+    state_hz: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] | None = None

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from ledpi.config.map_yaml import load_map
+from ledpi.config.odometry import CameraMount
 from ledpi.config.panels import PanelSettings
-from ledpi.config.settings import CameraMount, Config
+from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
-from ledpi.core.records import Floats
-from ledpi.pose.panel_map import PanelMap
+from ledpi.core.records import Floats, PanelMap
 
 MAX_NAMED = 5  # that are named of many
 

@@ -14,12 +14,11 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, StrictBool
 
 from ledpi.config.mistakes import validated
-from ledpi.config.odometry import OdometrySettings
+from ledpi.config.odometry import OdometrySettings, RobotSettings
 from ledpi.config.outputs import OutputName, OutputSettings
 from ledpi.config.overrides import apply_override, rename_method
 from ledpi.config.panels import PanelSettings, check_bands_visible, check_panels
 from ledpi.config.values import (
-    Angles,
     GainOrAuto,
     HostName,
     Listen,
@@ -28,7 +27,6 @@ from ledpi.config.values import (
     MaxAgeMs,
     Microseconds,
     MicrosecondsOrAuto,
-    MountPosition,
     RowTimeOrAuto,
     Section,
     SidePx,
@@ -89,20 +87,6 @@ class DecodeSettings(Section):
     """The section `decode`."""
 
     method: Method = "likelihood"
-
-
-class CameraMount(Section):
-    """base_link_from_camera_link: x ahead, y left, z up; zero looks ahead."""
-
-    position_m: MountPosition = (0.0, 0.0, 0.0)
-    rpy_deg: Angles = (0.0, 0.0, 0.0)
-
-
-class RobotSettings(Section):
-    """The section `robot`."""
-
-    camera_mount: CameraMount = CameraMount()
-    state_hz: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] | None = None
 
 
 class SerialSettings(Section):

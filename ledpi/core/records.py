@@ -285,3 +285,16 @@ class Decoded:
     rejected: tuple[Rejected, ...]
     stage_ms: dict[str, float]  # time spent, by stage, in the order of the path
     diary: tuple[str, ...] = ()  # lines of controller.jsonl that came up since the frame before
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MapPanel:
+    """A panel's place, and how well that is known."""
+
+    map_from_marker: Floats  # (4, 4)
+    side_m: float | None = None  # None: as the configuration says
+    position_sigma_m: float = 0.0  # along each axis
+    angle_sigma_rad: float = 0.0  # about each axis
+
+
+PanelMap = Mapping[int, MapPanel]  # by ID

@@ -1,4 +1,4 @@
-"""The rolling shutter: what a blinking light leaves in the rows of a picture.
+"""The rolling shutter: what a blinking light leaves in the rows of a picture; and from its values to linear light.
 
 Symbols: T exposure (s), t_row time between the starts of two rows (s), f blink frequency (Hz), d duty, φ phase of
 the square wave in cycles at t = 0, y row. Row y collects light over [t0 + y·t_row, t0 + y·t_row + T]; a lamp whose
@@ -8,11 +8,14 @@ state is s(t) ∈ {0, 1} shows there as its static picture times w(y) = (1/T)·�
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ledpi.core.records import Floats, Frame
+from ledpi.core.records import Floats, Frame, Transfer
+
+SATURATED = 255  # the only value of an 8-bit picture that may stand for any amount of light
 
 
 def _square_wave_integral(cycles: Floats, duty: float) -> Floats:
@@ -113,3 +116,20 @@ def row_mid_exposure_ns(frame: Frame, row: float) -> int:
     Row 0 is read out at the end of its exposure, so its middle lies T/2 before `row0_readout_ns`.
     """
     return frame.row0_readout_ns + round((row * frame.row_time_us - frame.exposure_us / 2) * 1e3)
+
+
+@cache
+def linear_light(transfer: Transfer, *, mark_saturated: bool = True) -> NDArray[np.float32]:
+    """Look-up table (256,) from picture value to linear light, 0..1; NaN where the value is saturated.
+
+    `srgb` is IEC 61966-2-1's inverse. NaN passes through interpolation, so that whatever touched a saturated pixel
+    is known to be worthless, at no further cost. Where only edges are sought, saturated light is 1.
+    """
+    value = np.arange(256) / 255.0
+    if transfer == "srgb":
+        value = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    table = value.astype(np.float32)
+    if mark_saturated:
+        table[SATURATED:] = np.nan
+    table.flags.writeable = False
+    return table

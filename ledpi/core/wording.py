@@ -5,6 +5,17 @@ from __future__ import annotations
 import reprlib
 import shlex
 import sys
+from enum import Enum
+
+if sys.version_info >= (3, 11):
+    from enum import StrEnum as StrEnum
+else:  # Python's own came with 3.11
+
+    class StrEnum(str, Enum):
+        """Members are strings, and print as such."""
+
+        __str__ = str.__str__
+
 
 SERVICE_HOME = "/opt/ledpi"  # of scripts/install
 VALUE_LENGTH = 60  # characters of a value in a message

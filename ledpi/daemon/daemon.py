@@ -39,12 +39,11 @@ from ledpi.daemon.robot_state import Now, robot_state_of
 from ledpi.daemon.tap.server import Tap
 from ledpi.daemon.threads import Workers, keep_for_good, keep_memory, switch_promptly
 from ledpi.decode.identify.frequency_search import off_frequency_note
-from ledpi.pipeline.of_config import load_robot, pipeline_of
-from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.pipeline import Pipeline, load_robot, pipeline_of
 from ledpi.pose.fix import Robot
+from ledpi.wire.mavlink import Resets
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
-from ledpi.wire.resets import Resets
 
 TICK_S = 0.1  # between two updates of the status
 HEALTH_EVERY_S = 1.0  # times and temperature are read

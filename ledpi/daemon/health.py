@@ -15,7 +15,7 @@ from ledpi.daemon.reporting import event
 from ledpi.daemon.ring import RingCounters
 from ledpi.pose.fix import NOT_IN_MAP
 from ledpi.wire.message import NoFix, State, StatusMessage
-from ledpi.wire.publisher_counters import PublisherCounters
+from ledpi.wire.outbox import PublisherCounters
 
 SYS = Path("/sys")
 _TEMPERATURE = "class/thermal/thermal_zone0/temp"  # m°C

@@ -14,7 +14,7 @@ from ledpi.config.origins import origins_of, values_of
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError, RecordingError
-from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics
+from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, PanelMap
 from ledpi.daemon.kept_takes import KeptTakes
 from ledpi.daemon.reporting import event
 from ledpi.daemon.rewind import ASKED, Rewind
@@ -28,7 +28,6 @@ from ledpi.daemon.tap.server import Tap
 from ledpi.daemon.tap_recorder import TapRecorder
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
-from ledpi.pose.panel_map import PanelMap
 from ledpi.state.inputs import Odometry
 
 _log = logging.getLogger("ledpi")

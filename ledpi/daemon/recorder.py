@@ -19,10 +19,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from ledpi.camera.base import Camera, GainFollower
-from ledpi.camera.recording.wall_clock import unix_offset_ns
 from ledpi.camera.recording.writer import encode_picture
 from ledpi.camera.recovering import LOST
 from ledpi.core.records import Decoded, Frame, Rejected
+from ledpi.daemon.takes import unix_offset_ns
 from ledpi.daemon.threads import switch_promptly
 from ledpi.pipeline.pipeline import Pipeline
 

@@ -17,9 +17,8 @@ from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Floats
 from ledpi.wire.ear import Ear
-from ledpi.wire.mavlink import Mavlink
+from ledpi.wire.mavlink import Mavlink, Resets
 from ledpi.wire.publisher import Publisher
-from ledpi.wire.resets import Resets
 
 SLOW_S = 3.0  # a map of a thousand panels takes one on a Raspberry Pi
 

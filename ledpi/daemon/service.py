@@ -20,7 +20,7 @@ from ledpi.daemon.reload import NOTHING_LEFT, Left, Reading
 from ledpi.daemon.reporting import event, notify
 from ledpi.daemon.tap.protocol import Request
 from ledpi.daemon.tap.server import Tap
-from ledpi.wire.resets import Resets
+from ledpi.wire.mavlink import Resets
 
 MAX_QUOTED = 200  # characters of an error that nobody has foreseen
 RELOADED_S = 60.0  # within which a client of the tap hears what has become of it

@@ -21,7 +21,6 @@ from typing import Any, NamedTuple, TypeVar
 
 from typing_extensions import Self
 
-from ledpi.camera.recording.wall_clock import unix_offset_ns
 from ledpi.camera.recording.writer import RecordingWriter
 from ledpi.core.errors import DiskFullError, LedpiError, RecordingError
 from ledpi.core.files import FULL, locked, not_written, put_in_place, read_text, remove_unfinished, write_beside
@@ -282,3 +281,8 @@ def _names(folder: Path) -> list[str]:
         return read_text(file, RecordingError).split("\n") if file.exists() else []
     except LedpiError:
         return []
+
+
+def unix_offset_ns(frame: Frame) -> int:
+    """Returns what to add to the frame's clock to get Unix time, as this machine's clocks stand now."""
+    return time.time_ns() - time.monotonic_ns() + frame.host_offset_ns

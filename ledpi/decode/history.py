@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ledpi.core.records import PanelSpec
+from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import MOST_EACH_OF_SEVERAL, THIN, LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.frequency_search import Proposal
 from ledpi.decode.identify.innovation_gate import enough_to_confirm
-from ledpi.decode.observation import Observation
 from ledpi.decode.states import State
 
 SEARCH_FRAMES = 12  # that are kept to find a panel's frequencies from

@@ -8,17 +8,14 @@ import numpy as np
 
 from ledpi.core.geometry import box, corners_apart, project_to_quad, quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
-from ledpi.decode.evidence.cells import MIN_CELL_PX, Lattice, sample_cells
+from ledpi.decode.evidence.cells import MIN_CELL_PX, Lattice, Observation, sample_cells
 from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, dimmest
-from ledpi.decode.finding.find import Glancer
+from ledpi.decode.finding.find import Glancer, Pyramid
 from ledpi.decode.finding.glance import template
-from ledpi.decode.finding.pyramid import Pyramid
 from ledpi.decode.following import Follower
-from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, Fitter
+from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, Fitter, side_covariance
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
-from ledpi.decode.model.sides import side_covariance
-from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import DEEP
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")

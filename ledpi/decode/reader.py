@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ledpi.core.records import PanelSpec, Rejected
+from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
@@ -22,7 +23,6 @@ from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.frequency_search import CHOICES, propose_frequencies
 from ledpi.decode.identify.innovation_gate import confirms, contradicts, innovation_of
 from ledpi.decode.identify.one_frame import read_frame
-from ledpi.decode.observation import Observation
 from ledpi.decode.states import Ask, Event, State, rule_of
 
 # Hysteresis: an ID is kept while its odds are those of this rate, 4.8 nats and not 11.3. Otherwise a codeword that has

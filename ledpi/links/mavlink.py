@@ -6,16 +6,15 @@ from contextlib import suppress
 
 import numpy as np
 
+from ledpi.config.odometry import CameraMount
 from ledpi.config.robot import base_link_from_camera
-from ledpi.config.settings import CameraMount
 from ledpi.core.errors import WireError
 from ledpi.core.records import Floats
 from ledpi.daemon.tap.frames import map_told
 from ledpi.links.payload import Payload, messages_of, status
 from ledpi.links.target import Line
-from ledpi.wire.mavlink import Mavlink, Profile
+from ledpi.wire.mavlink import Mavlink, Profile, Resets
 from ledpi.wire.message import Message
-from ledpi.wire.resets import Resets
 
 
 class MavlinkPayload(Payload):

@@ -16,8 +16,7 @@ from typing import Any
 import zenoh
 
 from ledpi.config.outputs import OutputSettings
-from ledpi.links.ros.contents import Message, Names
-from ledpi.links.ros.stream import RosStream
+from ledpi.links.ros.contents import Message, Names, RosStream
 from ledpi.links.ros.types import to_cdr, type_hash
 from ledpi.links.target import Line, TargetLostError
 

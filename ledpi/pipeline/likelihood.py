@@ -12,7 +12,7 @@ from ledpi.core.codewords import corners_of_turned, covariance_of_turned
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
 from ledpi.decode.agenda import Agenda, alone
-from ledpi.decode.evidence.cells import sample_cells
+from ledpi.decode.evidence.cells import Observation, sample_cells
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.waves import are_sinusoids
 from ledpi.decode.following import MOST_FITS
@@ -22,7 +22,6 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.locate import MIN_EXPLAINED_HIDDEN, Locator
 from ledpi.decode.model.fit import Fitted
 from ledpi.decode.model.picture import PanelPicture
-from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Outcome, Reader
 from ledpi.decode.states import Event

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from ledpi.config.panels import PanelSettings
-from ledpi.config.settings import Method
+from ledpi.config.robot import base_link_from_camera, load_own_map
+from ledpi.config.settings import Config, Method
+from ledpi.core.codewords import Dictionary
 from ledpi.core.records import (
+    MAX_GAP_NS,
     CameraInfo,
     Decoded,
     Detection,
@@ -16,14 +22,14 @@ from ledpi.core.records import (
     Intrinsics,
     PanelSpec,
     PanelValues,
+    Pixels,
     Rejected,
 )
 from ledpi.core.row_clock import MIN_DEVIATION, RowClock
-from ledpi.pipeline.likelihood import LikelihoodPath
-from ledpi.pipeline.repeats import REPEATED, Repeats
+from ledpi.decode.uemura import NO_SQUARE, UemuraReader
+from ledpi.pipeline.likelihood import Groups, LikelihoodPath
 from ledpi.pipeline.results import Results
 from ledpi.pipeline.trace import Trace
-from ledpi.pipeline.uemura import UemuraPath
 from ledpi.pose.fix import Robot
 from ledpi.pose.place import Placer
 
@@ -31,6 +37,65 @@ STAGES: dict[Method, tuple[str, ...]] = {
     "likelihood": ("find", "fit", "cells", "identify", "pose"),
     "uemura": ("uemura", "pose"),
 }
+REPEATED = Rejected(stage="capture", reason="repeated")
+# Every fourth row is compared: a panel that can be read crosses two of them at least, and noise never gives the same
+# pixels again. Where nothing is lit pictures may be alike, and nothing is lost.
+ROW_STEP = 4
+BUFFERS = 8  # a driver that hangs gives the pictures in its buffers by turns: V4L2 and libcamera ask for four to six
+
+
+class UemuraPath:
+    """Reads panels as the source paper does, once for each pair of frequencies: each frame is alone."""
+
+    def __init__(self, dictionary: Dictionary, groups: Groups) -> None:
+        self._readers = [UemuraReader(dictionary, ids, spec) for spec, ids in groups]
+
+    def read(self, frame: Frame, work: Results) -> Iterator[list[Detection]]:
+        """All panels of the frame at once."""
+        start = time.perf_counter()
+        detections = []
+        for reader in self._readers:
+            steps = reader.read(frame)
+            if work.trace is not None:
+                work.trace.uemura.append(steps)
+                work.trace.searched = True
+            if not steps.squares:
+                work.rejected.append(NO_SQUARE)
+            for square in steps.squares:
+                if isinstance(square.result, Rejected):
+                    work.reject(square.corners_px, square.result)
+                else:
+                    detections.append(square.result)
+        work.add_time("uemura", start)
+        yield detections
+
+
+class Repeats:
+    """Tells whether a stream's picture is one of the last ones, byte for byte, which a camera gives with a new time.
+
+    What is old is never taken for what is seen now.
+    """
+
+    def __init__(self) -> None:
+        self._past: deque[Pixels] = deque()  # the oldest first
+        self._last_ns = 0
+
+    def is_repeated(self, frame: Frame) -> bool:
+        """Compares the picture with those that were kept, after a gap with the last one only; keeps its rows, too."""
+        rows, now_ns = frame.pixels[::ROW_STEP], frame.row0_readout_ns
+        if self._past and rows.shape != self._past[-1].shape:
+            self._past.clear()
+        if not 0 < now_ns - self._last_ns <= MAX_GAP_NS:
+            self._past = deque([*self._past][-1:])
+        self._last_ns = now_ns
+        middle = len(rows) // 2  # which differs, as a rule, so that no more need be compared
+        if any(np.array_equal(rows[middle], past[middle]) and np.array_equal(rows, past) for past in self._past):
+            return True
+        room = self._past.popleft() if len(self._past) == BUFFERS else np.empty(rows.shape, np.uint8)
+        np.copyto(room, rows)
+        self._past.append(room)
+        return False
+
 
 NOT_EXISTING = Rejected(stage="identify", reason="id_not_in_panels_ids")  # or a part or reflection of a panel
 
@@ -122,3 +187,33 @@ def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]
         spec = panels.spec(marker_id)
         groups.setdefault((spec.waves_hz, spec.duty), (spec, []))[1].append(marker_id)
     return list(groups.values())
+
+
+def pipeline_of(
+    config: Config,
+    camera: CameraInfo,
+    lens: Intrinsics | None,
+    source_panel: PanelValues | None = None,
+    *,
+    robot: Robot | None = None,
+    stream: bool = True,
+) -> Pipeline:
+    """Makes one that has seen nothing. `robot`: where it is loaded already. Raises LedpiError."""
+    return Pipeline(
+        camera,
+        config.panels,
+        intrinsics=lens,
+        source_panel=source_panel,
+        robot=load_robot(config) if robot is None else robot,
+        method=config.decode.method,
+        stream=stream,
+    )
+
+
+def load_robot(config: Config) -> Robot:
+    """Reads the map too, if there is one. Raises ConfigError."""
+    return Robot(
+        base_link_from_camera=base_link_from_camera(config.robot.camera_mount),
+        panels=load_own_map(config),
+        panels_upright=config.panels.upright,
+    )

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
+import cv2
+import numpy as np
+
 from ledpi.core.records import Decoded, Detection, Floats, Frame, MarkerPose, Rejected, RobotFix
-from ledpi.decode.identify.suppression import suppress_duplicates
 from ledpi.pipeline.trace import Dropped, Trace
 from ledpi.pose.place import Placer
+
+SAME_PLACE = Rejected(stage="suppression", reason="same_panel")
+SAME_ID = Rejected(stage="suppression", reason="same_id")
 
 
 @dataclass(slots=True)
@@ -77,3 +82,18 @@ class Results:
             rejected=tuple(rejected),
             stage_ms={stage: 1e3 * seconds for stage, seconds in self.seconds.items()},
         )
+
+
+def suppress_duplicates(detections: Iterable[Detection]) -> list[tuple[Detection, Rejected]]:
+    """Suppresses what is not the best detection of its panel, and an ID that is in several places: in all of them."""
+    kept: list[Detection] = []
+    dropped: list[tuple[Detection, Rejected]] = []
+    for detection in sorted(detections, key=lambda s: -s.margin):
+        middle = detection.corners_px.mean(axis=0)
+        if any(cv2.pointPolygonTest(other.corners_px.astype(np.float32), middle, False) > 0 for other in kept):
+            dropped.append((detection, SAME_PLACE))
+        else:
+            kept.append(detection)
+    ids = [s.id for s in kept]
+    dropped += [(s, SAME_ID) for s in kept if ids.count(s.id) > 1]
+    return dropped

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ledpi.core.records import Floats, Quad, Rejected
-from ledpi.decode.evidence.cells import CellSamples
+from ledpi.decode.evidence.cells import CellSamples, Observation
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
-from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import Candidate
 from ledpi.decode.uemura import Steps
 

@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 from ledpi.core.records import MAX_GAP_NS, Floats, PlanarSolution
-from ledpi.pose.motion import MAX_SPEED_M_S
 from ledpi.pose.planar import Solutions
 
+# Standard deviations of what is not known of its velocity: no wheeled robot that looks for panels is quicker.
+MAX_SPEED_M_S, MAX_TURN_RAD_S = 3.0, 6.0
 # The other solution is excluded where it is a thousand times less likely: 2·ln 1000 of χ².
 EXCLUDED_BY = 13.8
 # The most that one frame may say. Half of it is enough in a first frame; but what was preferred for n frames is given

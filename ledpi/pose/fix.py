@@ -19,6 +19,7 @@ from ledpi.core.records import (
     Frame,
     Intrinsics,
     MarkerPose,
+    PanelMap,
     PlanarSolution,
     Pose,
     Rejected,
@@ -29,7 +30,6 @@ from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.pose.corners import centre_px, corners_at, whiteners
 from ledpi.pose.fix_history import Candidate, FixHistory, distance2
-from ledpi.pose.panel_map import PanelMap
 from ledpi.pose.planar import square_corners
 from ledpi.pose.refine import Fits, fit_body, skew
 

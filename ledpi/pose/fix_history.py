@@ -10,9 +10,8 @@ import numpy as np
 
 from ledpi.core.geometry import rotation_vector
 from ledpi.core.records import MAX_GAP_NS, Floats, Rejected
-from ledpi.pose.branches import EXCLUDED_BY
+from ledpi.pose.branches import EXCLUDED_BY, MAX_SPEED_M_S, MAX_TURN_RAD_S
 from ledpi.pose.credibility import Credibility
-from ledpi.pose.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S
 
 AMBIGUOUS = Rejected(stage="fix", reason="ambiguous")
 CONTRADICTION = Rejected(stage="fix", reason="panels_contradict")

@@ -13,8 +13,7 @@ from copy import copy
 from dataclasses import dataclass
 from operator import attrgetter
 
-from ledpi.core.records import Floats, MarkerPose, Rejected, read_only
-from ledpi.pose.panel_map import PanelMap
+from ledpi.core.records import Floats, MarkerPose, PanelMap, Rejected, read_only
 from ledpi.state.belief import Belief, Event, Judge
 from ledpi.state.filter import Filter
 from ledpi.state.inputs import Look, Odometry, OdometryNoise, look_of

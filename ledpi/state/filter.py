@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.core.records import Floats
-from ledpi.pose.panel_map import PanelMap
+from ledpi.core.records import Floats, PanelMap
 from ledpi.state.inputs import Look, OdometryNoise, wrapped
 from ledpi.state.motion import GYRO_PRIORS, OWN, POSE, WHEEL_PRIORS, YAW, Step, X, Y, propagate
 

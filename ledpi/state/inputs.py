@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion
-from ledpi.core.records import Floats, MarkerPose, Pose, Rejected
-from ledpi.pose.panel_map import MapPanel
+from ledpi.core.records import Floats, MapPanel, MarkerPose, Pose, Rejected
 
 NO_POSE = Rejected(stage="state", reason="no_pose")
 

@@ -7,16 +7,16 @@ ENU (x east, y north, z up; REP-103). docs/mavlink.md says what ArduPilot and PX
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from ledpi.core.errors import ConfigError, WireError
 from ledpi.core.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
-from ledpi.core.records import Floats
+from ledpi.core.records import Floats, PanelMap
 from ledpi.core.wording import install_command
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage
-from ledpi.wire.resets import Resets
 
 Profile: TypeAlias = Literal["ardupilot", "px4"]
 
@@ -188,3 +188,26 @@ def _upper_triangle(covariance: Floats | None, ned_from_frd: Floats) -> list[flo
     values: Floats = (change @ covariance @ change.T)[np.triu_indices(6)]
     fit = np.all(np.abs(values) < np.finfo(np.float32).max) and np.all(values[[0, 6, 11, 15, 18, 20]] >= 0)
     return [float(value) for value in values] if fit else unknown
+
+
+@dataclass
+class Resets:
+    """Numbers by which a receiver tells fixes that do not belong together. Not thread-safe: one thread writes each."""
+
+    jumps: int = 0  # of a fix, further than a robot can have gone
+    maps: int = 0  # other maps after the first
+    _panels: PanelMap | None = None  # of the newest map
+
+    def update_map(self, panels: PanelMap | None) -> None:
+        """From now on fixes are in this map."""
+        if panels is None:
+            return
+        if self._panels is not None and not _same_frame(self._panels, panels):
+            self.maps += 1
+        self._panels = panels
+
+
+def _same_frame(before: PanelMap, now: PanelMap) -> bool:
+    """Tells whether the panels that both maps hold are where they were; there must be one."""
+    common = before.keys() & now.keys()
+    return bool(common) and all(np.array_equal(before[i].map_from_marker, now[i].map_from_marker) for i in common)

@@ -17,8 +17,7 @@ from ledpi.wire.ear import Ear, listening
 from ledpi.wire.line import SerialLine
 from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage
-from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox
-from ledpi.wire.publisher_counters import PublisherCounters
+from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox, PublisherCounters
 from ledpi.wire.state_message import StateMessage, TimeAsk
 
 BACKOFF_FIRST_S = 0.1

@@ -31,7 +31,7 @@ from ledpi.core.dictionaries import FILE_ENDINGS
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import MAX_TEXT_BYTES, parse_json, parse_yaml, read_bytes
 from ledpi.core.wording import one_line, shortened_name
-from ledpi.daemon.tap.of_config import CAMERAS, OF_ONE_CAMERA
+from ledpi.daemon.tap.places import CAMERAS, OF_ONE_CAMERA
 from ledpi.workshop.calibrate.files import check_writable
 
 _VALUE = r"[A-Za-z0-9_.:/+-]{1,100}"

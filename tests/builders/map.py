@@ -9,9 +9,8 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from ledpi.core.records import Detection, Floats, Frame, MarkerPose, PlanarSolution, RobotFix
+from ledpi.core.records import Detection, Floats, Frame, MapPanel, MarkerPose, PlanarSolution, RobotFix
 from ledpi.pose.fix import Robot
-from ledpi.pose.panel_map import MapPanel
 from ledpi.pose.place import Placer
 from tests.builders.decode import LENS
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
-from ledpi.decode.evidence.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.cells import CellSamples, Observation, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.identify.codebook import Codebook
@@ -13,7 +13,6 @@ from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.one_frame import read_frame
 from ledpi.decode.locate import Locator
 from ledpi.decode.model.prior import prior
-from ledpi.decode.observation import Observation
 from tests.builders.decode import SPEC, quad, reason
 
 

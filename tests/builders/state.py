@@ -7,8 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ledpi.core.records import Floats
-from ledpi.pose.panel_map import MapPanel
+from ledpi.core.records import Floats, MapPanel
 from ledpi.state.estimator import Estimator, State
 from ledpi.state.inputs import Look, Measured, Odometry, wrapped
 from tests.builders.map import panel

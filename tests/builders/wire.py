@@ -26,7 +26,7 @@ from ledpi.wire import (
     WirePose,
 )
 from ledpi.wire.codec import FROM_CONTROLLER, FROM_LEDPI
-from ledpi.wire.publisher_counters import PublisherCounters
+from ledpi.wire.outbox import PublisherCounters
 from tests.builders import ROOT
 
 PAGE = ROOT / "docs" / "wire.md"

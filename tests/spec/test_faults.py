@@ -454,8 +454,7 @@ def test_nothing_asks_for_the_time_of_day() -> None:
     asking = re.compile(r"\btime\.time(_ns)?\(|datetime\.now|\butcnow\(|\blocaltime\(|CLOCK_REALTIME")
     modules = reached_from(RUN, stop_at="ledpi.cli")
     assert len(modules) > 30
-    del modules["ledpi.daemon.takes"]  # names folders by it, and computes nothing from it
-    del modules["ledpi.camera.recording.wall_clock"]  # is noted in recordings, for ROS 2's bags
+    del modules["ledpi.daemon.takes"]  # names folders by it, and notes it in recordings, for ROS 2's bags
     for module in modules:
         path = file_of(module)
         assert path is not None

@@ -13,8 +13,7 @@ import pytest
 from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
 from ledpi.core.records import Frame
-from ledpi.pipeline.of_config import load_robot
-from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.pipeline import Pipeline, load_robot
 from tests.builders.receiver import HEADER, ROOT
 
 PAGE = (ROOT / "docs" / "first-packet.md").read_text(encoding="utf-8")

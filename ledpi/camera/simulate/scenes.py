@@ -12,8 +12,7 @@ from ledpi.camera.simulate.trajectory import Patrol, Shown, Still, facing_camera
 from ledpi.core.codewords import Bits
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, transform
-from ledpi.core.records import Intrinsics, PanelSpec
-from ledpi.pose.panel_map import MapPanel, PanelMap
+from ledpi.core.records import Intrinsics, MapPanel, PanelMap, PanelSpec
 
 _DRIVE_PANELS = (  # ID, place in the scene, yaw, brightness
     (7, (-0.22, -0.05, 2.75), 8.0, 0.45),

@@ -13,10 +13,9 @@ from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, build_config, check_together
 from ledpi.core.errors import ConfigError, TapError
 from ledpi.core.geometry import matrix_from_quaternion, transform
-from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics
+from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, MapPanel, PanelMap
 from ledpi.pipeline.diagnosis.diagnose import NotRead
 from ledpi.pipeline.diagnosis.why_not import WhyNot
-from ledpi.pose.panel_map import MapPanel, PanelMap
 
 WITH_REASONS = ("rejected", "evidence")  # extras of a picture from which `not_read_of` knows all
 SAME_PX = 1.0  # corners of one square, which are told twice, rounded

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
@@ -11,19 +14,21 @@ import numpy as np
 from ledpi import __version__
 from ledpi.config.panels import PanelSettings
 from ledpi.core.geometry import quaternion_from_matrix
-from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, Pixels, Rejected
+from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, PanelMap, Pixels, Rejected
 from ledpi.core.shutter import row_mid_exposure_ns
+from ledpi.core.wording import one_line
 from ledpi.daemon.tap.protocol import VERSION, Request
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.pipeline.each_cell import class_given_others, classes_unread
 from ledpi.pipeline.output import decoded_as_json, state_as_json
 from ledpi.pipeline.trace import SquareTrace, Trace
-from ledpi.pose.panel_map import PanelMap
 from ledpi.state.estimator import State
 from ledpi.wire.state_message import StateMessage
 
 SATURATED = 255
+FAULTS = 20
+MOST_SAID = 300  # characters of one of them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,3 +185,25 @@ def _corners(corners_px: Floats) -> list[list[float]]:
 
 def _rounded(values: Floats, digits: int) -> list[float]:
     return [round(float(value), digits) for value in values]
+
+
+class Faults(logging.Handler):
+    """The log's newest warnings, from its making to `close`, for people who have no journal at hand."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._kept: deque[dict[str, Any]] = deque(maxlen=FAULTS)
+        logging.getLogger("ledpi").addHandler(self)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """With the time on CLOCK_MONOTONIC, as all times of the tap are."""
+        self._kept.append({"at_ns": time.monotonic_ns(), "text": one_line(record.getMessage())[:MOST_SAID]})
+
+    def kept(self) -> list[dict[str, Any]]:
+        """Oldest first: {"at_ns", "text"}."""
+        return list(self._kept)
+
+    def close(self) -> None:
+        """Hears no more."""
+        logging.getLogger("ledpi").removeHandler(self)
+        super().close()

@@ -1,17 +1,25 @@
-"""The place of the tap's socket: the daemon makes it there, and clients look for it there."""
+"""The place of the tap's socket: the daemon makes it there, and clients look for it there.
+
+Of several cameras each has a configuration, a service and a socket of its own.
+"""
 
 from __future__ import annotations
 
 import os
 import stat
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ledpi.core.errors import ConfigError
+
+if TYPE_CHECKING:  # who only follows the tap loads no pydantic
+    from ledpi.config.settings import Config
 
 AUTO = "auto"
 SERVICE = Path("/run/ledpi/tap.sock")  # RuntimeDirectory=ledpi of the unit
 NAME = "tap.sock"
 GROUP = "ledpi"  # whose members may use the tap of the service
+CAMERAS, OF_ONE_CAMERA = Path("/etc/ledpi"), "config.yaml"  # configurations of services
 MAX_PATH_BYTES = 107  # that Linux gives a socket's name
 
 
@@ -40,6 +48,17 @@ def to_look() -> list[Path]:
     A folder that another user may have made is left out.
     """
     return [SERVICE, *(path for path in _of_user() if _is_own(path.parent))]
+
+
+def of_config(config: Config) -> str | None:
+    """Returns where clients look for the daemon that has this configuration; None where it has no tap.
+
+    With `auto` and /etc/ledpi/NAME.yaml that is the service ledpi@NAME, one of several cameras.
+    """
+    file = config.file
+    if config.tap.socket == AUTO and file is not None and file.parent == CAMERAS and file.name != OF_ONE_CAMERA:
+        return str(SERVICE.parent.with_name(f"{SERVICE.parent.name}-{file.stem}") / NAME)
+    return config.tap.socket
 
 
 def _of_user() -> list[Path]:

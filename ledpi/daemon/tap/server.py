@@ -20,9 +20,8 @@ from ledpi.core.wording import one_line
 from ledpi.daemon.tap import messages
 from ledpi.daemon.tap.commands import Command, Commands
 from ledpi.daemon.tap.crowd import Bell, Crowd, Listening
-from ledpi.daemon.tap.faults import Faults
 from ledpi.daemon.tap.follower import Follower
-from ledpi.daemon.tap.messages import Setup, Shown
+from ledpi.daemon.tap.messages import Faults, Setup, Shown
 from ledpi.daemon.tap.protocol import AT_ONCE, Do, Extra, Request, error, write_line
 from ledpi.pipeline.trace import Trace
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,7 +16,8 @@ import numpy as np
 from ledpi.core.geometry import project_to_quad
 from ledpi.core.lens import bending_lens_of, distort, undistort
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
-from ledpi.core.tone import linear_light
+from ledpi.core.shutter import linear_light
+from ledpi.decode.model.light import Window
 
 # The very rim of a cell is left out: partitions cast shadows there that no smooth interpolation follows. No more than
 # that: with its gain unknown, a short cell tells its class by how its light changes from its top to its bottom, so by
@@ -164,3 +166,13 @@ def _around(at: Singles, size: Floats) -> tuple[slice, slice]:
     first, last = at.min(axis=(0, 1)).astype(int) - 3, at.max(axis=(0, 1)).astype(int) + 5
     (left, top), (right, bottom) = np.maximum(first, 0), np.minimum(last, size.astype(int) + 1)
     return slice(top, bottom), slice(left, right)
+
+
+class Observation(NamedTuple):
+    """A fitted panel as one frame shows it: all that is kept of the frame."""
+
+    frame: Frame  # its times count; it has no picture any more
+    window: Window  # the light on the panel and around
+    lattice_px: Floats  # (4, 2) corners of the lattice of its cells
+    unknown: Floats  # what its picture was fitted with, as `decode.model.prior` has it
+    samples: CellSamples | None = None  # of its cells, where frequencies are searched for

@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 from ledpi.core.lens import bending_lens_of
 from ledpi.core.library import NONE, lib
 from ledpi.core.records import Floats, Intrinsics, PanelSpec, Singles
-from ledpi.decode.evidence.erasures import UNLIT, erase_cells
-from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.cells import Observation
+from ledpi.decode.evidence.evidence import UNLIT, Evidence, erase_cells
 from ledpi.decode.evidence.waves import LEAST_DEPTH, band_prior
 from ledpi.decode.model.fit import pitch_px_of, solver_view
 from ledpi.decode.model.light import fundamentals, waves
 from ledpi.decode.model.panel import Weigher
 from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, prior
-from ledpi.decode.observation import Observation
 
 # Samples along a cell, one a pixel but for these: fewer tell no bands from gains. Of several frames, which add up, each
 # may have fewer; and of a panel that is clear a third of these: still two for each unknown.

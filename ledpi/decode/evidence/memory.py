@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Floats, PanelSpec, Rejected
+from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.light import LightWeigher, Mean
 from ledpi.decode.evidence.waves import band_prior, turned
-from ledpi.decode.observation import Observation
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
 FORGETTING = 0.97

@@ -7,14 +7,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.library import NONE, ffi, lib, pointer
-from ledpi.core.records import Floats, Mask, Pixels
+from ledpi.core.records import Floats, Frame, Mask, Pixels
 
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 MOST_LATTICE_SQUARES = 1024
+LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
+# Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
+_BRIGHTEN = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
 
 # A picture, the shortest way around things in it, grey levels that what is lit is brighter than, and shares of the
 # contrast by which it is, in 256ths.
@@ -176,3 +180,23 @@ class Glancer:
     def _keep(self, array: NDArray[Any], dtype: Any = np.float32) -> Any:
         self._kept.append(np.ascontiguousarray(array, dtype))
         return pointer(self._kept[-1])
+
+
+class Pyramid:
+    """Pictures of frames of one size, each smaller than the last."""
+
+    def __init__(self, height: int, width: int) -> None:
+        self.smaller: list[Pixels] = [
+            np.empty((max(1, height >> halvings), max(1, width >> halvings)), np.uint8)
+            for halvings in range(1, LEVELS + 1)
+        ]
+
+    def of(self, frame: Frame) -> list[Pixels]:
+        """The frame's picture, and smaller ones; until the next."""
+        above: Pixels = frame.pixels
+        for picture in self.smaller:
+            cv2.resize(above, picture.shape[::-1], dst=picture, interpolation=cv2.INTER_AREA)
+            if above is frame.pixels and frame.transfer == "linear":
+                cv2.LUT(picture, _BRIGHTEN, dst=picture)
+            above = picture
+        return [frame.pixels, *self.smaller]

@@ -10,8 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ledpi.core.records import Floats, Frame, Pixels, Rejected
-from ledpi.decode.finding.find import SquareSearcher
-from ledpi.decode.finding.pyramid import Pyramid
+from ledpi.decode.finding.find import Pyramid, SquareSearcher
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
 NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.records import Floats, Frame, PanelSpec
-from ledpi.decode.evidence.cells import CellSamples, Lattice
+from ledpi.decode.evidence.cells import CellSamples, Lattice, Observation
 from ledpi.decode.evidence.classes import wave_shares
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.observation import Observation
 
 Complexes = NDArray[np.complex128]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from ledpi.core.records import Rejected
+from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.waves import are_sinusoids
@@ -24,7 +25,6 @@ from ledpi.decode.identify.decision import (
 )
 from ledpi.decode.identify.hypotheses import log_patterns, prior_odds_of_codeword
 from ledpi.decode.identify.model_error import with_model_error
-from ledpi.decode.observation import Observation
 
 
 def read_frame(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from ledpi.core.library import NONE, ffi, lib
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.panel import MOST_LINES, Solver
-from ledpi.decode.model.prior import BLUR, SMEAR, prior
+from ledpi.decode.model.prior import BLUR, GAP, RIM, SMEAR, prior
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")
@@ -29,6 +30,12 @@ EACH_FIT = 4000  # places that a fit costs beside those that it looks at: its wi
 SATURATED = 0.999  # of full scale: such light says nothing
 # Of an `Effort`: what the solver itself goes by.
 SOLVED_BY = ("rounds", "reweightings", "banded", "phasing", "must_blink", "tolerance", "most_left")
+RIMS = np.array([RIM + 2, RIM + 1, RIM + 3, RIM])  # of the sides from one corner to the next: above, right, below, left
+# In cells, at either end of a side that something hides: its edge may lie aslant, which draws the lattice there.
+ASLANT = 0.06
+SIDES = np.arange(4)  # each from the corner of its number to the next
+BEFORE, NEXT, AFTER_NEXT = (SIDES + 3) % 4, (SIDES + 1) % 4, (SIDES + 2) % 4
+UNEVEN = 1.0 / math.sqrt(3.0)  # of a strip's width, at its ends: as anything between none and twice as much at one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,3 +172,23 @@ def pitch_px_of(corners_px: Floats, cells: int) -> tuple[float, float]:
     """A cell's mean width and height."""
     a, b, c, d = corners_px
     return float(np.hypot(*(b + c - a - d))) / (2 * cells), float(np.hypot(*(c + d - a - b))) / (2 * cells)
+
+
+def side_covariance(lattice_px: Floats, unknown: Floats, hidden: Floats, cells: int) -> Floats:
+    """(8, 8) px² of what sides may be off beside what the fit says, by its corners (4, 2) and `hidden` (4,).
+
+    A panel is built alike on all sides: light ends with the lattice, or half a wall before. Where the fit has it end
+    elsewhere, the fit may be wrong by as much, of each side, at each end, and of all sides together.
+    """
+    rims, is_hidden = unknown[RIMS], hidden > 0.0
+    usual = median(rims[~is_hidden].tolist())
+    built = min((0.0, 0.5 * float(unknown[GAP])), key=lambda rim: abs(usual - rim))
+    apart = np.where(is_hidden, 0.0, rims - built)
+    aslant = np.where(is_hidden, ASLANT, UNEVEN * apart)
+    ends = np.zeros((2, 4, 4, 2))  # by a cell inwards at either end of a side: how its corners move
+    ends[0, SIDES, SIDES] = (lattice_px[BEFORE] - lattice_px) / cells
+    ends[1, SIDES, NEXT] = (lattice_px[AFTER_NEXT] - lattice_px[NEXT]) / cells
+    each = ends.reshape(2, 4, 8)
+    sides = apart[:, None] * each.sum(axis=0)
+    moved = np.vstack([sides, sides.sum(axis=0), *(aslant[:, None] * each)])
+    return np.asarray(moved.T @ moved)

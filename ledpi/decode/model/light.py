@@ -11,8 +11,7 @@ import numpy as np
 
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, PanelSpec, Singles, read_only
-from ledpi.core.shutter import row_weights
-from ledpi.core.tone import linear_light
+from ledpi.core.shutter import linear_light, row_weights
 
 FEWEST_PX = 70  # a square of twice as many pixels along its side is averaged down: its light abounds
 FARTHEST = 8  # sizes of the picture: corners further out are none

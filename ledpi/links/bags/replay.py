@@ -14,7 +14,7 @@ from ledpi.camera.recording.reader import FrameEntry, Recording
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
 from ledpi.core.records import Decoded, Frame
-from ledpi.pipeline.of_config import pipeline_of
+from ledpi.pipeline.pipeline import pipeline_of
 
 Warn = Callable[[str], None]
 

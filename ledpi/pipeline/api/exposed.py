@@ -21,8 +21,7 @@ from ledpi.core.wording import shortened
 from ledpi.pipeline.api.marker import Fix, Marker, fix_of, marker_of
 from ledpi.pipeline.diagnosis.diagnose import not_read_in
 from ledpi.pipeline.diagnosis.why_not import WhyNot
-from ledpi.pipeline.of_config import load_robot
-from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.pipeline import Pipeline, load_robot
 from ledpi.pipeline.trace import Trace
 
 # What programs have: cv2.imread gives None where it cannot read a file, and its stubs know no dtype.

@@ -10,7 +10,7 @@ from ledpi.config.settings import Config
 from ledpi.core.errors import PictureError
 from ledpi.core.records import Floats, MarkerPose, Rejected
 from ledpi.core.wording import shortened
-from ledpi.pipeline.of_config import load_robot
+from ledpi.pipeline.pipeline import load_robot
 from ledpi.state import estimator
 from ledpi.state.inputs import Odometry
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Mask, PanelSpec, Pixels
-from ledpi.core.shutter import contrast
-from ledpi.core.tone import linear_light
+from ledpi.core.shutter import contrast, linear_light
 
 FULL = 255
 # The ring around a thing that it is compared with: beyond a panel's dark bezel, a sixth of a cell to a third.

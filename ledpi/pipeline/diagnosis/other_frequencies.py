@@ -13,9 +13,9 @@ import numpy as np
 
 from ledpi.core.codewords import Dictionary
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected
+from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.locate import Locator
-from ledpi.decode.observation import Observation
 
 # Below, bands are higher than most panels; above, next to nothing is left of them at most exposures. A step is 1.6 %,
 # 47 Hz at 3 kHz: 10 ms leave no bands at each whole hundred hertz, so depth tells how far from one a panel is.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.records import Floats, Frame, Pixels
-from ledpi.core.tone import linear_light
+from ledpi.core.shutter import linear_light
 from ledpi.workshop.calibrate.boards import Board, BoardView
 from ledpi.workshop.calibrate.camera import CameraCalibration
 

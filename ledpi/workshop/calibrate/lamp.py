@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.records import Floats, Frame
-from ledpi.core.shutter import row_weights
-from ledpi.core.tone import linear_light
+from ledpi.core.shutter import linear_light, row_weights
 from ledpi.workshop.calibrate.shutter import Estimate
 
 MIN_HZ, MAX_HZ = 300.0, 8000.0

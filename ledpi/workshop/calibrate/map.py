@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.errors import CalibrationError
-from ledpi.core.records import Floats, Intrinsics
-from ledpi.pose.panel_map import MapPanel
+from ledpi.core.records import Floats, Intrinsics, MapPanel
 from ledpi.workshop.calibrate.map_adjust import Adjusted, adjust
 from ledpi.workshop.calibrate.map_views import View, camera_poses, chained, informative_views
 

@@ -16,7 +16,7 @@ from ledpi.core.errors import CalibrationError
 from ledpi.core.geometry import unit_square_homography
 from ledpi.core.lens import undistort
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec
-from ledpi.core.tone import SATURATED, linear_light
+from ledpi.core.shutter import SATURATED, linear_light
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.workshop.calibrate.bands import PanelLight

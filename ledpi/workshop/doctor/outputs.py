@@ -19,7 +19,7 @@ from ledpi.config.outputs import OutputSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.wording import install_command
-from ledpi.daemon.tap.of_config import CAMERAS, OF_ONE_CAMERA
+from ledpi.daemon.tap.places import CAMERAS, OF_ONE_CAMERA
 from ledpi.links.factory import TARGETS, target_class
 from ledpi.links.sockets import lost, refused
 from ledpi.links.target import CONNECT_S

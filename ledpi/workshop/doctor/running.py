@@ -16,7 +16,7 @@ from ledpi.core.errors import TapError
 from ledpi.core.wording import shortened_name
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, settings_of, why_not_of
-from ledpi.daemon.tap.of_config import of_config
+from ledpi.daemon.tap.places import of_config
 from ledpi.workshop.doctor import ports
 from ledpi.workshop.doctor.camera import findings_of
 from ledpi.workshop.doctor.finding import Finding, bad, ok, unknown

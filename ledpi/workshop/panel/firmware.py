@@ -13,7 +13,7 @@ from string import Template
 from ledpi.core.codewords import Bits, Dictionary, format_ranges
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec, Phase
-from ledpi.core.str_enum import StrEnum
+from ledpi.core.wording import StrEnum
 from ledpi.workshop.calibrate.panel import SAME_DUTY
 from ledpi.workshop.panel.circuit import CELL_PINS, OUTPUTS
 from ledpi.workshop.panel.frequencies import (

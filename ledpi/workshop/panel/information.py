@@ -22,11 +22,11 @@ from ledpi.camera.simulate.scene import Panel, Room, Scene, SimulatedSensor, une
 from ledpi.camera.simulate.trajectory import Still, facing_camera
 from ledpi.camera.simulate.truth import scene_truth
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected
+from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.locate import Locator
-from ledpi.decode.observation import Observation
 
 STREAM_FRAMES = 4  # that a panel is followed for, where a stream is judged
 _ROLL_DEG = 2.0  # as hung by hand; also keeps the pixels from lying alike in all cells

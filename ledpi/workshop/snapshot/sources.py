@@ -19,8 +19,7 @@ from ledpi.core.records import CameraInfo, Frame, Intrinsics, Rejected
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.daemon.tap.frames import camera_of, frame_of
 from ledpi.pipeline.diagnosis.why_not import RUN_FRAMES
-from ledpi.pipeline.of_config import load_robot
-from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.pipeline import Pipeline, load_robot
 
 EXPOSE_S = 4.0  # twice what the gain's sweep takes
 LOOK_FRAMES = 30  # half a second of a camera

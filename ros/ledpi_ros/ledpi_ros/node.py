@@ -26,10 +26,10 @@ from ledpi.links.ros.contents import (
     TRANSFORM,
     Message,
     Names,
+    RosStream,
     camera_info_message,
     image_message,
 )
-from ledpi.links.ros.stream import RosStream
 from ledpi_ros.filling import fill
 
 RETRY_S = 0.5

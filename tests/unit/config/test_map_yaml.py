@@ -13,8 +13,7 @@ import pytest
 
 from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M, layout_text, load_layout, load_map, map_text
 from ledpi.core.errors import ConfigError
-from ledpi.core.records import Floats
-from ledpi.pose.panel_map import MapPanel, PanelMap
+from ledpi.core.records import Floats, MapPanel, PanelMap
 from tests.builders.command import Run, complaint, in_process
 
 HALF = math.sqrt(0.5)

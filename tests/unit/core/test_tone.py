@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Transfer
-from ledpi.core.tone import linear_light
+from ledpi.core.shutter import linear_light
 
 SRGB = {0: 0.0, 1: 0.000303527, 10: 0.003035270, 11: 0.003346536, 55: 0.038204372, 128: 0.215860500, 188: 0.502886458}
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Floats
+from ledpi.decode.model.fit import ASLANT, side_covariance
 from ledpi.decode.model.prior import COMMON, GAP, OWN, RIM
-from ledpi.decode.model.sides import ASLANT, side_covariance
 from tests.builders.decode import square
 
 CELL_PX = 20.0

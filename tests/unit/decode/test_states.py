@@ -9,11 +9,11 @@ from typing import NamedTuple
 import pytest
 
 from ledpi.core.dictionaries import load_dictionary
+from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.history import History
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import FALSE_ID_RATE
-from ledpi.decode.observation import Observation
 from ledpi.decode.reader import Reader
 from ledpi.decode.states import TABLE, Event, Rule, State
 from tests.builders import ROOT

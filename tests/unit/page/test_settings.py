@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 
 import ledpi.cli.view as command
+from ledpi.cli.view import kept_token
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.page import guard
 from ledpi.page.guard import Guard
 from ledpi.page.hub import Hub
-from ledpi.page.own_token import kept_token
 from ledpi.page.settings import Settings
 from tests.builders.command import complaint, in_process
 from tests.builders.view import view

@@ -16,11 +16,10 @@ from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import matrix_from_quaternion, transform
-from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, MarkerPose, PanelSpec, PanelValues, Pixels
+from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, MapPanel, MarkerPose, PanelSpec, PanelValues, Pixels
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.pose.fix import Robot
-from ledpi.pose.panel_map import MapPanel
 from tests.builders.decode import (
     FRAME_ROWS,
     PINHOLE,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ledpi.pose.panel_map import MapPanel, PanelMap
-from ledpi.wire.resets import Resets
+from ledpi.core.records import MapPanel, PanelMap
+from ledpi.wire.mavlink import Resets
 
 
 def panels(**x_m: float) -> PanelMap:

@@ -20,8 +20,7 @@ from ledpi.camera.simulate.trajectory import Still
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.geometry import matrix_from_quaternion, transform
 from ledpi.core.records import Floats, Intrinsics, PanelSpec
-from ledpi.core.shutter import harmonic_amplitude
-from ledpi.core.tone import linear_light
+from ledpi.core.shutter import harmonic_amplitude, linear_light
 
 HARMONICS = (1, 3, 5)  # a square wave of duty 0.5 has odd ones only
 CORNERS = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]]) / 2.0  # of a unit panel

@@ -23,13 +23,13 @@ import pytest
 
 from ledpi.config.panels import PanelOverride, PanelSettings
 from ledpi.core.errors import ConfigError, DiskFullError, TapAgainError, TapError
+from ledpi.core.records import MapPanel
 from ledpi.daemon.tap.client import connect
 from ledpi.daemon.tap.crowd import MOST_FOLLOWERS
 from ledpi.daemon.tap.frames import camera_of, frame_of, settings_of
 from ledpi.daemon.tap.protocol import MAX_REQUEST_BYTES, Request
 from ledpi.daemon.tap.server import CLIENTS_SHARE, MOST_WAITING_BYTES, PACE_S, Tap
 from ledpi.pipeline.trace import Trace
-from ledpi.pose.panel_map import MapPanel
 from ledpi.state.inputs import Odometry
 from tests.builders import ROOT
 from tests.builders.tap import CAMERA, HEIGHT, SETUP, WIDTH, Raw, decoded, frame, show, tap_at

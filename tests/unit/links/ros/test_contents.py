@@ -19,12 +19,12 @@ from ledpi.links.ros.contents import (
     UNKNOWN_VARIANCE,
     Message,
     Names,
+    RosStream,
     camera_info_message,
     frame_messages,
     health_message,
     odometry_messages,
 )
-from ledpi.links.ros.stream import RosStream
 from tests.builders.made_up_daemon import HEALTH, PANEL, decoded
 
 OFFSET_NS = 1_790_000_000_000_000_000
