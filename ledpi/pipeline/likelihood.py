@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 from ledpi.config.panels import PanelSettings
+from ledpi.core.codewords import corners_of_turned, covariance_of_turned
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
 from ledpi.decode.agenda import Agenda, alone
@@ -26,7 +27,6 @@ from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Outcome, Reader
 from ledpi.decode.states import Event
 from ledpi.decode.track import CONTRADICTED, SAME_CELLS, SAME_PLACE, SAME_START, Track, Tracker, overlap, place_of
-from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
 from ledpi.pipeline.results import Results
 from ledpi.pipeline.trace import SquareTrace
 

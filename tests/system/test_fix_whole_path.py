@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ledpi.camera.recording.writer import RecordingWriter
+from ledpi.camera.simulate.scene import SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, still_scene, whole_rows_us
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.records import PanelSpec
-from ledpi.recording.writer import RecordingWriter
-from ledpi.simulate.scene import SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, still_scene, whole_rows_us
 from ledpi.wire import FixMessage, NoFix, Receiver, StatusMessage
 from tests.builders.command import ledpi
 

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.core.lens import bending_lens_of
+from ledpi.core.library import NONE, lib
 from ledpi.core.records import Floats, Intrinsics, PanelSpec, Singles
 from ledpi.decode.evidence.erasures import UNLIT, erase_cells
 from ledpi.decode.evidence.evidence import Evidence
@@ -26,8 +28,6 @@ from ledpi.decode.model.light import fundamentals, waves
 from ledpi.decode.model.panel import Weigher
 from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, prior
 from ledpi.decode.observation import Observation
-from ledpi.kernels.lens import bending_lens_of
-from ledpi.kernels.library import NONE, lib
 
 # Samples along a cell, one a pixel but for these: fewer tell no bands from gains. Of several frames, which add up, each
 # may have fewer; and of a panel that is clear a third of these: still two for each unknown.

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.core.library import NONE, ffi, lib, pointer
 from ledpi.core.records import Floats, Mask, Pixels
-from ledpi.kernels.library import NONE, ffi, lib, pointer
 
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 MOST_LATTICE_SQUARES = 1024

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from ledpi.core.geometry import quad_side
+from ledpi.core.lens import bending_lens_of
+from ledpi.core.library import NONE, ffi, lib
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.panel import MOST_LINES, Solver
 from ledpi.decode.model.prior import BLUR, SMEAR, prior
-from ledpi.kernels.lens import bending_lens_of
-from ledpi.kernels.library import NONE, ffi, lib
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")

@@ -14,10 +14,10 @@ import pytest
 from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Floats, Frame
+from ledpi.daemon.daemon import Daemon
+from ledpi.daemon.liveness import MAX_BUDGET, MIN_BUDGET, SHARE, Pacing
 from ledpi.pipeline.likelihood import STREAM_BUDGET
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.runtime.daemon import Daemon
-from ledpi.runtime.liveness import MAX_BUDGET, MIN_BUDGET, SHARE, Pacing
 from tests.builders.daemon import SIMULATED, controller
 from tests.builders.decode import PINHOLE, Bits, Canvas, camera_info, panel_settings, square, word
 

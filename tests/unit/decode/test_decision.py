@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, PanelSpec, Rejected, Transfer
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.decision import Reading
-from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import (
     SHORT_US,
     SPEC,
