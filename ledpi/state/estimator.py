@@ -13,6 +13,8 @@ from copy import copy
 from dataclasses import dataclass
 from operator import attrgetter
 
+import numpy as np
+
 from ledpi.core.records import Floats, MarkerPose, Rejected, read_only
 from ledpi.pose.panel_map import PanelMap
 from ledpi.state.belief import Belief, Event, Judge
@@ -136,7 +138,10 @@ class Estimator:
         return self._add(odometry, now_ns)
 
     def at(self, t_ns: int) -> State | Rejected:
-        """The state at a time, or at that of the newest input where that is later; nothing changes by it."""
+        """The state at a time, or at that of the newest input where that is later; nothing changes by it.
+
+        Raises FloatingPointError where that is no number.
+        """
         head = self._head.copy()
         if head.t_ns is None:
             return NOT_STARTED
@@ -150,6 +155,8 @@ class Estimator:
         if not own.has_pose:
             return NOT_STARTED
         pose, covariance = judge.report()
+        if not (np.isfinite(pose).all() and np.isfinite(covariance).all()):
+            raise FloatingPointError(f"the state is no number: {pose} {covariance.diagonal()}")
         return State(
             t_ns=head.t_ns,
             pose=read_only(pose),

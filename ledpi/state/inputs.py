@@ -110,6 +110,8 @@ def split_noise(value: Floats, stated: Floats, camera_xy: Floats, height_m: floa
     In axes along the ray, across it, and heading: D·stated·D, where D scales each deviation to its new part.
     """
     ray = value[:2] - camera_xy
+    if not ray.any():  # right above the camera all directions are alike
+        ray = np.array([1e-6, 0.0])
     distance = math.hypot(*ray)
     axes = np.eye(3)
     axes[0, :2] = ray / distance
