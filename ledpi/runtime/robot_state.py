@@ -33,6 +33,7 @@ LOOK_S = 0.05  # inputs wait no longer
 DAMAGED = Rejected(stage="line", reason="damaged")
 NO_SENSE = Rejected(stage="line", reason="no_sense")
 UNKNOWN = Rejected(stage="line", reason="unknown")
+DIARY_FULL = Rejected(stage="state", reason="diary_full")
 OUT_OF_RANGE = Rejected(stage="state", reason="out_of_range")
 
 _log = logging.getLogger("ledpi")
@@ -109,7 +110,7 @@ class RobotState:
         while not self._ends.is_set():
             while self._waiting:
                 what, entry = self._waiting.popleft()
-                self._diary.append(line_of(entry))
+                self._note(entry)
                 for rejected in self._keeper.take(what):
                     self._count(rejected)
             now_ns = time.monotonic_ns()
@@ -121,6 +122,12 @@ class RobotState:
     def stop(self) -> None:
         """Ends `run` soon."""
         self._ends.set()
+
+    def _note(self, entry: Entry) -> None:
+        """Notes it for a recording; of what waits too long for a frame the oldest is lost."""
+        if len(self._diary) == MOST_LINES:
+            self._reject(DIARY_FULL)
+        self._diary.append(line_of(entry))
 
     def _count(self, rejected: Rejected) -> None:
         """Counts it; a failure, which is a mistake of ours, is told once, with where it was."""
@@ -134,7 +141,7 @@ class RobotState:
         found = self._keeper.at(now_ns)
         if found == FAILED:
             self._count(FAILED)
-        self._diary.append(line_of(Look(now_ns)))
+        self._note(Look(now_ns))
         state = None if isinstance(found, Rejected) else found
         t_ns = now_ns if state is None else state.t_ns
         clock_us = self._keeper.clock_us(t_ns)
