@@ -16,7 +16,7 @@ from ledpi.core.records import MAX_GAP_NS, Floats
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.state.filter import GATE, MIRROR_LEAD, Filter, Innovation
 from ledpi.state.inputs import Look, wrapped
-from ledpi.state.motion import OWN, POSE, SPEED, YAW, Step
+from ledpi.state.motion import POSE, SPEED, YAW, Step
 
 MISPLACED = 0.5**2  # variance, m² and rad², of how far off a panel is that was hung or measured wrong
 AGREES = -EXCLUDED_BY / 2  # χ² by which a look says that its panel hangs right, and no other way
@@ -203,8 +203,7 @@ class Judge:
         if look.alternate is None:
             own, agreed = self.belief, look.panel in self.belief.witnesses
             belief = Belief((own.filter if agreed and len(own.witnesses) >= 2 else self.empty).copy())
-            belief.filter.x[POSE:OWN] = own.filter.x[POSE:OWN]
-            belief.filter.P[POSE:OWN, POSE:OWN] = own.filter.P[POSE:OWN, POSE:OWN]
+            belief.filter.move_like(own.filter)
             belief.start(look)
             self.rival = Rival(belief, look.panel, look.t_ns, agreed)
 

@@ -111,7 +111,7 @@ class Estimator:
     def __init__(self, panels: PanelMap, base_from_camera: Floats, noise: OdometryNoise | None = None) -> None:
         noise = noise or OdometryNoise()
         self._panels, self._base_from_camera = panels, base_from_camera
-        empty = Filter(panels, (float(base_from_camera[0, 3]), float(base_from_camera[1, 3])), noise)
+        empty = Filter(panels, (float(base_from_camera[0, 3]), float(base_from_camera[1, 3])))
         self._head = Head(Judge(empty, Belief(empty.copy())), noise)
         self._inputs: list[Input] = []
         self._keys: list[tuple[int, int]] = []  # of each: its time; -1 of odometry, else the panel

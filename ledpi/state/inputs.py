@@ -25,7 +25,7 @@ LEAST_HEADING_RAD = math.radians(0.1)
 class OdometryNoise:
     """Errors of odometry: standard deviations, those of a random walk per root of what it grows with."""
 
-    base_m: float | None = None  # between the wheels; needed only where no gyro turns
+    base_m: float | None = None  # between the wheels; needed only where no gyro tells the yaw
     way_per_m: float = 0.02  # m/√m of each wheel: 3 % of slip that lasts 0.5 s, at 0.5 m/s
     yaw_per_m: float = math.radians(0.1)  # rad/√m, bumps; what wheels slip is counted from `way_per_m`
     yaw_per_s: float = math.radians(0.1)  # rad/√s of a gyro

@@ -64,6 +64,22 @@ def test_without_a_part_of_the_odometry_the_rest_holds(kind: str) -> None:
     assert state.turn_rad_s == pytest.approx(RATE, abs=0.2)
 
 
+def test_a_gyro_tells_the_yaw_also_where_wheels_could() -> None:
+    """A wheel spins by half a metre, which is a turn of 1.7 rad to the wheels; once the gyro is silent they tell it."""
+    estimator = Estimator(room(), SEAT, OdometryNoise(base_m=0.3))
+    still(estimator, {1: 0.0, 2: 0.0}, (0.0, 0.0, 0.0), 0.0, 1.0)
+    for k in range(11):
+        heard(estimator, replace(odometry(1 + 0.05 * k), right_m=0.05 * k))
+    state = state_at(estimator, 1.5)
+    assert state.pose[2] == pytest.approx(0.0, abs=0.01)
+    assert state.covariance[2, 2] < 0.02**2
+    for k in range(11):
+        heard(estimator, replace(odometry(1.55 + 0.05 * k), left_m=0.01 * k, right_m=0.5, yaw_rad=None))
+    turned = state_at(estimator, 2.05)
+    assert turned.pose[2] - state.pose[2] == pytest.approx(-0.1 / 0.3, abs=0.01)
+    assert turned.covariance[2, 2] > state.covariance[2, 2]
+
+
 def test_garbage_is_counted_and_changes_nothing() -> None:
     """Old, of the future, not finite, of no panel of the map, or leaping: it is told, and the state stays."""
     estimator = Estimator(room(), SEAT)
