@@ -165,7 +165,7 @@ class Estimator:
             turn_rad_s=float(own.x[TURN]),
             panel_ns=judge.used_ns,
             way_m=judge.way_m,
-            by_odometry=head.last is not None and head.t_ns - head.last.t_ns <= SILENT_NS,
+            by_odometry=head.last is not None and head.t_ns - head.last.t_ns <= SILENT_NS and not judge.trust.is_lost,
             panels=len(own.slots),
             contested=judge.rival is not None,
             moved=tuple(sorted(judge.moved)),

@@ -17,7 +17,7 @@ import numpy as np
 from ledpi.core.records import Floats
 from ledpi.pose.panel_map import PanelMap
 from ledpi.state.inputs import Look, wrapped
-from ledpi.state.motion import DRIFT, OWN, POSE, PRIORS, YAW, YAW_SCALE, Step, X, Y, propagate
+from ledpi.state.motion import DRIFT, OWN, POSE, PRIORS, WAY_SCALE, YAW, YAW_SCALE, Step, X, Y, propagate
 
 DX, DY, DYAW, RANGE = range(4)
 EACH, MOST_PANELS = 4, 8
@@ -140,6 +140,14 @@ class Filter:
         """Tells whether a panel's place or share is beyond what the priors allow."""
         slot = self.slots[panel]
         return bool((np.abs(self.x[slot.at : slot.at + EACH]) > CONTRADICTS * slot.priors).any())
+
+    @property
+    def contradicts_odometry(self) -> bool:
+        """Tells whether a scale is beyond what its prior allows."""
+        yaw = math.inf if self._turn_priors is None else self._turn_priors[1]
+        return bool(
+            abs(self.x[WAY_SCALE]) > CONTRADICTS * PRIORS[WAY_SCALE] or abs(self.x[YAW_SCALE]) > CONTRADICTS * yaw
+        )
 
     def _predict(self, panel: int, at: int) -> tuple[Floats, Floats]:
         """The look at a panel that is predicted, and its slopes by x, y, yaw and the panel's four.

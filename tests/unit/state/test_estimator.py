@@ -11,22 +11,7 @@ import pytest
 from ledpi.core.records import Rejected
 from ledpi.state.estimator import Estimator
 from ledpi.state.inputs import Look, Odometry, OdometryNoise
-from tests.builders.state import SEAT, SECOND_NS, heard, look, odometry, room, state_at, still
-
-RATE = 0.5  # rad/s of a circle of 1 m
-
-
-def on_circle(t_s: float) -> tuple[float, float, float]:
-    """The pose of a robot that drives a circle of 1 m about the origin."""
-    return math.cos(RATE * t_s), math.sin(RATE * t_s), RATE * t_s + math.pi / 2
-
-
-def drive(seconds: float = 1.5) -> list[Look | Odometry]:
-    """Odometry at 100 Hz, and a look at a panel or two 30 times a second."""
-    times = np.arange(1, round(seconds * 100)) * 0.01
-    totals = [odometry(t, way_m=RATE * t, yaw_rad=RATE * t) for t in times.tolist()]
-    looks = [look(i, on_circle(t), t) for t in (times[::3] + 0.004).tolist() for i in (2, 3)[: 1 + (t > 0.5)]]
-    return sorted([*totals, *looks], key=lambda each: each.t_ns)
+from tests.builders.state import RATE, SEAT, SECOND_NS, drive, heard, look, odometry, on_circle, room, state_at, still
 
 
 def test_the_order_of_arrival_changes_no_bit() -> None:
