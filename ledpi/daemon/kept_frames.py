@@ -179,6 +179,7 @@ class RecordQueue(FrameBuffers):
         self.dropped = 0  # frames that found no room
         self._waiting: queue.SimpleQueue[KeptFrame | None] = queue.SimpleQueue()
         self._last: Frame | None = None  # that came
+        self._missed: tuple[str, ...] = ()  # the diary's lines of frames that found no room: the next one has them
         self._is_closed = False
 
     def _slot_for(self, frame: Frame, decoded: Decoded) -> int | None:
@@ -187,12 +188,15 @@ class RecordQueue(FrameBuffers):
             self.close()
         with self._changing:
             slot = self._free.pop() if self._free and not self._is_closed else None
-            self.dropped += slot is None and not self._is_closed
+            if slot is None and not self._is_closed:
+                self.dropped += 1
+                self._missed += decoded.diary
         return slot
 
     def _put(self, kept: KeptFrame) -> None:
         if not self._is_closed:
-            self._waiting.put(kept)
+            diary, self._missed = self._missed + kept.decoded.diary, ()
+            self._waiting.put(kept._replace(decoded=replace(kept.decoded, diary=diary)))
 
     def next(self, until_s: float) -> KeptFrame | None:
         """The oldest, as soon as it is there; None once it is closed and empty. Closes at `until_s` (monotonic)."""

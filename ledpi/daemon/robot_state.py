@@ -23,7 +23,7 @@ from ledpi.state.estimator import State
 from ledpi.state.inputs import Odometry
 from ledpi.wire.codec import FROM_CONTROLLER
 from ledpi.wire.diary import Entry, Frame, Look, line_of, seen
-from ledpi.wire.keeper import Asked, Heard, Input, Keeper, Told
+from ledpi.wire.keeper import FAILED, Asked, Heard, Input, Keeper, Told
 from ledpi.wire.mavlink import Resets
 from ledpi.wire.receiver import Receiver
 from ledpi.wire.state_message import StateMessage, state_message
@@ -33,6 +33,7 @@ LOOK_S = 0.05  # inputs wait no longer
 DAMAGED = Rejected(stage="line", reason="damaged")
 NO_SENSE = Rejected(stage="line", reason="no_sense")
 UNKNOWN = Rejected(stage="line", reason="unknown")
+DIARY_FULL = Rejected(stage="state", reason="diary_full")
 OUT_OF_RANGE = Rejected(stage="state", reason="out_of_range")
 
 _log = logging.getLogger("ledpi")
@@ -65,6 +66,7 @@ class RobotState:
         self._waiting: deque[tuple[Input, Entry]] = deque()  # as it is taken, and as the diary has it
         self._diary: deque[str] = deque(maxlen=MOST_LINES)
         self._noted: tuple[Event, ...] = ()
+        self._has_failed = False
         self._ends = threading.Event()
 
     def see(self, decoded: Decoded) -> Decoded:
@@ -108,9 +110,9 @@ class RobotState:
         while not self._ends.is_set():
             while self._waiting:
                 what, entry = self._waiting.popleft()
-                self._diary.append(line_of(entry))
+                self._note(entry)
                 for rejected in self._keeper.take(what):
-                    self._reject(rejected)
+                    self._count(rejected)
             now_ns = time.monotonic_ns()
             if now_ns >= due_ns:
                 due_ns = max(due_ns + self._period_ns, now_ns)
@@ -121,9 +123,25 @@ class RobotState:
         """Ends `run` soon."""
         self._ends.set()
 
+    def _note(self, entry: Entry) -> None:
+        """Notes it for a recording; of what waits too long for a frame the oldest is lost."""
+        if len(self._diary) == MOST_LINES:
+            self._reject(DIARY_FULL)
+        self._diary.append(line_of(entry))
+
+    def _count(self, rejected: Rejected) -> None:
+        """Counts it; a failure, which is a mistake of ours, is told once, with where it was."""
+        self._reject(rejected)
+        if rejected == FAILED and not self._has_failed:
+            self._has_failed = True
+            said = event("state_failed", error=repr(self._keeper.failure), then="the state begins anew")
+            _log.warning(said, exc_info=self._keeper.failure)
+
     def _tell_at(self, now_ns: int) -> None:
         found = self._keeper.at(now_ns)
-        self._diary.append(line_of(Look(now_ns)))
+        if found == FAILED:
+            self._count(FAILED)
+        self._note(Look(now_ns))
         state = None if isinstance(found, Rejected) else found
         t_ns = now_ns if state is None else state.t_ns
         clock_us = self._keeper.clock_us(t_ns)

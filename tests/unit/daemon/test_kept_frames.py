@@ -211,6 +211,18 @@ def test_what_finds_no_room_is_dropped_and_counted() -> None:
     assert queue.dropped == 10
 
 
+def test_what_the_diary_has_of_a_dropped_frame_comes_with_the_next() -> None:
+    """Odometry is not lost with a picture."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, *range(MAX_FRAMES))
+    for seq in (100, 101, 102):
+        if seq == 102:
+            queue.give_back(queue.next(time.monotonic() + 60) or pytest.fail("is empty"))
+        queue.keep(numbered(seq), replace(nothing_in(numbered(seq)), diary=(f"{seq}",)), 0)
+    lines = [kept.decoded.diary for _ in range(MAX_FRAMES) if (kept := queue.next(0.0)) is not None]
+    assert lines == [*[()] * (MAX_FRAMES - 1), ("100", "101", "102")]
+
+
 def test_after_the_end_nothing_is_taken() -> None:
     """Nor counted: it is no part of the recording."""
     queue = RecordQueue(HEIGHT, WIDTH)
