@@ -16,7 +16,7 @@ from ledpi.core.files import read_bytes
 from ledpi.core.records import Pixels
 from ledpi.core.wording import StrEnum
 from ledpi.workshop.calibrate.board_sheet import sheet_pdf
-from ledpi.workshop.calibrate.boards import Board
+from ledpi.workshop.calibrate.boards import Board, Kind
 from ledpi.workshop.calibrate.files import change_config, write_keeping_old
 from ledpi.workshop.calibrate.status import next_command, parts
 
@@ -74,15 +74,8 @@ def read_grey(path: Path) -> Pixels:
     return picture
 
 
-class KindName(StrEnum):
-    """The values of --kind."""
-
-    CHESSBOARD = "chessboard"
-    CHARUCO = "charuco"
-
-
 # As `ledpi calibrate camera` looks for it, too: who takes both as they come has one board.
-DEFAULT_KIND, DEFAULT_COLS, DEFAULT_ROWS = KindName.CHARUCO, 6, 5
+DEFAULT_KIND, DEFAULT_COLS, DEFAULT_ROWS = Kind.CHARUCO, 6, 5
 
 
 class PaperName(StrEnum):
@@ -95,7 +88,7 @@ class PaperName(StrEnum):
 @calibrate.command()
 def board(
     out: Path = typer.Argument(Path("board.pdf"), metavar="OUT", help="PDF to write; an older one is kept."),
-    kind: KindName = typer.Option(DEFAULT_KIND, help="charuco may be partly out of view."),
+    kind: Kind = typer.Option(DEFAULT_KIND, help="charuco may be partly out of view."),
     cols: int = typer.Option(DEFAULT_COLS, min=3, max=20, help="Inner corners along the long side."),
     rows: int = typer.Option(DEFAULT_ROWS, min=3, max=20, help="Inner corners along the short side."),
     square_mm: float = typer.Option(30.0, min=1, help="Side of a square."),
@@ -109,9 +102,9 @@ def board(
     """
     if out.suffix.lower() != ".pdf":
         raise CalibrationError(f"{out}: must end in .pdf")
-    command = f"ledpi calibrate camera --board {kind.value} --cols {cols} --rows {rows}"
+    command = f"ledpi calibrate camera --board {kind} --cols {cols} --rows {rows}"
     caption = f"100 mm. Squares of {square_mm:g} mm. {command}"
-    drawn = sheet_pdf(Board(columns=cols, rows=rows, kind=kind.value), square_mm, paper.value, caption)
+    drawn = sheet_pdf(Board(columns=cols, rows=rows, kind=kind), square_mm, paper.value, caption)
     kept = write_keeping_old(out, drawn)
     typer.echo(f"{out} written{older(kept)}")
     typer.echo(f"print it at 100 %, check the ruler, then: {command}")

@@ -21,7 +21,6 @@ from ledpi.cli.calibrate import (
     DEFAULT_COLS,
     DEFAULT_KIND,
     DEFAULT_ROWS,
-    KindName,
     calibrate,
     name_in_config,
     older,
@@ -32,7 +31,7 @@ from ledpi.config.camera_yaml import camera_yaml_text, own_section
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.wording import counted
-from ledpi.workshop.calibrate.boards import Board, BoardFinder, BoardView, other_board
+from ledpi.workshop.calibrate.boards import Board, BoardFinder, BoardView, Kind, other_board
 from ledpi.workshop.calibrate.camera import CameraCalibration, calibrate_camera, parameters
 from ledpi.workshop.calibrate.camera import quality as quality_of
 from ledpi.workshop.calibrate.collecting import corner_counts, draw_coverage, places_without_corners
@@ -57,7 +56,7 @@ def camera(
     folder: Path | None = typer.Argument(
         None, metavar="FOLDER", help="Folder of pictures, or a recording. Default: the camera, live."
     ),
-    kind: KindName = typer.Option(DEFAULT_KIND, "--board", help="As `ledpi calibrate board` prints them."),
+    kind: Kind = typer.Option(DEFAULT_KIND, "--board", help="As `ledpi calibrate board` prints them."),
     cols: int = typer.Option(DEFAULT_COLS, min=3, max=20, help="Inner corners along the board's one side."),
     rows: int = typer.Option(DEFAULT_ROWS, min=3, max=20, help="Inner corners along the other."),
     model: ModelName | None = typer.Option(None, "--model", help="Lens model. Default: the one that the views need."),
@@ -78,7 +77,7 @@ def camera(
     Example: ledpi calibrate camera pictures --board chessboard --cols 9 --rows 6
     """
     check_with_picture(out)
-    board = Board(columns=cols, rows=rows, kind=kind.value)
+    board = Board(columns=cols, rows=rows, kind=kind)
     is_recording = folder is not None and (folder / HEADER_FILE).is_file()
     settings, file = settings_for(config, set_, folder if is_recording else None)
     pictures = None if is_recording else folder

@@ -20,7 +20,7 @@ from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec
 from ledpi.core.wording import StrEnum, counted
-from ledpi.workshop.calibrate.boards import Board
+from ledpi.workshop.calibrate.boards import Board, Kind
 from ledpi.workshop.calibrate.files import write_keeping_old
 
 _STILL_IDS, _STILL_DISTANCE_M, _STILL_ANGLE_DEG = [7], 1.0, 0.0
@@ -101,7 +101,7 @@ def _drive(settings: Config) -> Scene:
 def _board(settings: Config) -> Scene:
     """The board that `ledpi calibrate board` prints."""
     sensor = simulated_sensor(settings.camera, settings.panels)
-    return board_scene(sensor, Board(columns=6, rows=5, kind="charuco").black(), width_m=7 * 0.03)
+    return board_scene(sensor, Board(columns=6, rows=5, kind=Kind.CHARUCO).black(), width_m=7 * 0.03)
 
 
 def _still(settings: Config, ids: list[int], distance_m: float, angle_deg: float) -> Scene:

@@ -10,7 +10,7 @@ import threading
 import time
 from contextlib import suppress
 from datetime import date
-from typing import Any, get_args
+from typing import Any
 
 from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.core.errors import CalibrationError
@@ -27,11 +27,11 @@ _LEAST_PRIORITY = 10
 
 def board_of(kind: str, columns: int, rows: int) -> Board:
     """Raises ValueError that says what would be right."""
-    if kind not in get_args(Kind):
-        raise ValueError(f"kind must be {' or '.join(get_args(Kind))}")
+    if kind not in [*Kind]:
+        raise ValueError(f"kind must be {' or '.join(Kind)}")
     if columns not in SIDES or rows not in SIDES:
         raise ValueError(f"cols and rows must be {SIDES[0]} to {SIDES[-1]} inner corners")
-    return Board(kind="charuco" if kind == "charuco" else "chessboard", columns=columns, rows=rows)
+    return Board(kind=Kind(kind), columns=columns, rows=rows)
 
 
 class BoardWatch:

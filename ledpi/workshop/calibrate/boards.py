@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ledpi.core.codewords import Bits
 from ledpi.core.records import Floats, Pixels
+from ledpi.core.wording import StrEnum
 
-Kind = Literal["chessboard", "charuco"]
 SIDES = range(3, 21)  # inner corners along a side
 
 # A ChArUco board's markers are not of the panels' usual dictionary, so that neither is taken for the other.
@@ -33,13 +33,20 @@ SAME_LAYOUT = 0.2  # of a square: in another layout markers are whole squares of
 SAME_SHARE = 0.04  # of a square: so well is a marker's side measured
 
 
+class Kind(StrEnum):
+    """Patterns of boards, as options and the page name them."""
+
+    CHESSBOARD = "chessboard"
+    CHARUCO = "charuco"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Board:
     """A board by its kind and its inner corners. The squares' size does not matter for intrinsics."""
 
     columns: int  # inner corners along the one side
     rows: int
-    kind: Kind = "chessboard"
+    kind: Kind = Kind.CHESSBOARD
     dictionary: str = CHARUCO_DICTIONARY
     marker_share: float = MARKER_SHARE
     legacy: bool = False  # as OpenCV before 4.6 and calib.io have it: a marker at the top left where rows are odd
@@ -51,7 +58,7 @@ class Board:
 
     def black(self) -> Bits:
         """((rows + 1)·TEXELS, (columns + 1)·TEXELS) True where the printed board is black."""
-        if self.kind == "charuco":
+        if self.kind == Kind.CHARUCO:
             size = ((self.columns + 1) * TEXELS, (self.rows + 1) * TEXELS)
             return np.asarray(_charuco(self).getBoard().generateImage(size, marginSize=0, borderBits=1) < 128)
         y, x = np.mgrid[: self.rows + 1, : self.columns + 1]
@@ -72,7 +79,7 @@ class BoardFinder:
 
     def __init__(self, board: Board) -> None:
         self.board = board
-        self._recognised = board.kind != "charuco"
+        self._recognised = board.kind != Kind.CHARUCO
 
     def find(self, name: str, picture: Pixels) -> BoardView | None:
         """The board in a grey picture, or None."""
@@ -102,7 +109,7 @@ def recognise(picture: Pixels, board: Board) -> Board | None:
             continue
         sizes = {(board.columns, board.rows), (board.rows, board.columns)}
         layouts = [
-            Board(columns=columns, rows=rows, kind="charuco", dictionary=dictionary, legacy=legacy)
+            Board(columns=columns, rows=rows, kind=Kind.CHARUCO, dictionary=dictionary, legacy=legacy)
             for columns, rows in sorted(sizes, key=lambda size: size[0] != board.columns)
             for legacy in ((False, True) if rows % 2 else (False,))  # an even number of squares: else both are one
         ]
@@ -145,7 +152,7 @@ def find_board(name: str, picture: Pixels, board: Board) -> BoardView | None:
 
     A chessboard must be seen whole; of a ChArUco board a part is enough, as its markers tell the corners apart.
     """
-    if board.kind == "charuco":
+    if board.kind == Kind.CHARUCO:
         return _find_charuco(name, picture, board)
     # OpenCV's sector-based detector: on 36 webcam photographs it leaves 0.11 px of rms where the classic one with
     # cornerSubPix leaves 0.15 px, and it does not run away to a neighbouring corner.
@@ -165,10 +172,10 @@ def other_board(picture: Pixels, board: Board) -> str | None:
     for dictionary in (CHARUCO_DICTIONARY, *OTHER_DICTIONARIES):
         corners, ids = _markers(picture, dictionary)
         if len(ids) >= MIN_MARKERS:
-            return "--board charuco" if board.kind != "charuco" else _other_charuco(dictionary, corners, ids)
+            return "--board charuco" if board.kind != Kind.CHARUCO else _other_charuco(dictionary, corners, ids)
     found, _, squares = cv2.findChessboardCornersSBWithMeta(picture, (3, 3), flags=cv2.CALIB_CB_LARGER)
     size = sorted(squares.shape[:2], reverse=True) if found else []
-    if not size or (board.kind == "chessboard" and size == sorted((board.columns, board.rows), reverse=True)):
+    if not size or (board.kind == Kind.CHESSBOARD and size == sorted((board.columns, board.rows), reverse=True)):
         return None
     return f"--board chessboard --cols {size[0]} --rows {size[1]}"
 
@@ -176,7 +183,7 @@ def other_board(picture: Pixels, board: Board) -> str | None:
 def _other_charuco(dictionary: str, corners_px: Floats, ids: NDArray[np.int64]) -> str | None:
     """The options of a ChArUco board of another size, as far down as markers are seen; None where none fits."""
     boards = [
-        Board(columns=columns, rows=SIDES[-2], kind="charuco", dictionary=dictionary, legacy=legacy)
+        Board(columns=columns, rows=SIDES[-2], kind=Kind.CHARUCO, dictionary=dictionary, legacy=legacy)
         for columns in SIDES
         for legacy in (False, True)
     ]
