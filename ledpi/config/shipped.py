@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 from ledpi.core.errors import ConfigError, InstallationError
 
+_VALUE = r"[A-Za-z0-9_.:/+-]{1,100}"  # of what a udev rule compares
 FOLDER = Path(__file__).parents[1] / "shipped-files"
 _FOLDERS = ("examples", "systemd")
 _LINK = r"\[([^]]*)\]\([^)]*\)"
@@ -74,3 +76,32 @@ def _plain(cell: str) -> str:
     """The text of Markdown, without the marks of code; of a link what it is called, if that is part of a sentence."""
     text = re.sub(rf" \({_LINK}\)|(?<=\.) {_LINK}$", "", cell.replace(r"\|", "|"))
     return re.sub(r"\*(\w+)\*", r"\1", re.sub(_LINK, r"\1", text)).replace("`", "").removesuffix(".")
+
+
+def foreign_line(content: bytes) -> int | None:
+    """Number of the first line of a udev rule that is not one of ledpi's own, counted from 1; None where all are."""
+    try:
+        lines = content.decode("utf-8").split("\n")
+    except UnicodeDecodeError:
+        return 1
+    return next((number for number, line in enumerate(lines, 1) if not _is_own(line)), None)
+
+
+def _is_own(line: str) -> bool:
+    if "\\" in line or not line.replace("\t", " ").isprintable():  # one at its end would join the next line
+        return False
+    text = line.strip()
+    return not text or text[0] == "#" or any(form.fullmatch(text) for form in _forms())
+
+
+@cache
+def _forms() -> tuple[re.Pattern[str], ...]:
+    return tuple(map(re.compile, _written(udev_rule())))
+
+
+def _written(template: str) -> Iterator[str]:
+    """A pattern for each rule of the template, active or an example: what is compared may have any value."""
+    for line in template.splitlines():
+        rule = line.removeprefix("# ")
+        if re.match(r'[A-Z]+(\{\w+\})?[!=]?="', rule):
+            yield re.sub(r'==""', lambda _: f'=="{_VALUE}"', re.escape(re.sub(r'=="[^"]*"', '==""', rule)))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import fcntl
 import glob
+import json
+import logging
 import os
 import re
 import select
@@ -17,7 +19,7 @@ from contextlib import suppress
 import serial
 
 from ledpi.core.errors import WireError
-from ledpi.core.holder import who_holds
+from ledpi.core.holder import described, openers, who_holds
 from ledpi.wire.controller import BITS_PER_BYTE
 
 # The transmit FIFO of the Pi's PL011 (16 bytes on BCM2835 to BCM2837), which TIOCOUTQ does not see. The next
@@ -26,6 +28,7 @@ FIFO_BYTES = 16
 READ_BYTES = 4096  # at once: as many as a terminal keeps
 JAMMED_RETRY_NS = 20_000_000
 QUEUED_RETRY_NS = 1_000_000
+OTHERS_EVERY_S = 5.0  # who else has the port open is looked for: some milliseconds of work
 
 _REMEDIES = {
     errno.EACCES: "permission denied (is this user in the group dialout?)",
@@ -35,6 +38,7 @@ _REMEDIES = {
     errno.ENOTTY: "not a serial port",
 }
 _IN_USE = _REMEDIES[errno.EBUSY]
+_log = logging.getLogger("ledpi")
 _CONTROL = 2  # of termios' list: the place of c_cflag
 
 
@@ -200,3 +204,22 @@ class SerialLine:
 
     def _lost(self, error: OSError) -> WireError:
         return WireError(f"{self._port}: lost: {reason(error)}")
+
+
+class Others:
+    """Processes that have a port open beside this one, each named once. Not thread-safe."""
+
+    def __init__(self) -> None:
+        self._known: set[int] = set()
+        self._look_s = 0.0  # when they are looked for next
+
+    def name(self, port: str) -> None:
+        """Tells the journal who has come, as often as it is asked."""
+        now_s = time.monotonic()
+        if now_s < self._look_s:
+            return
+        self._look_s = now_s + OTHERS_EVERY_S
+        found = openers([port])
+        for pid in sorted(found - self._known):
+            _log.warning("serial_shared port=%s with=%s", port, json.dumps(described(pid)))
+        self._known = found

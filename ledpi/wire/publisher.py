@@ -10,11 +10,10 @@ from collections import deque
 
 from ledpi.config.settings import SerialSettings
 from ledpi.core.errors import WireError
-from ledpi.core.holder import described, openers
 from ledpi.core.records import Decoded
 from ledpi.wire.codec import DELIMITER, encode, number_after
 from ledpi.wire.ear import Ear, listening
-from ledpi.wire.line import SerialLine
+from ledpi.wire.line import Others, SerialLine
 from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage
 from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox, PublisherCounters
@@ -24,7 +23,6 @@ BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 0.5  # a port that is back is found within this time
 GOODBYE_S = 0.4  # for the last status to leave; the whole daemon must end within 1 s
 JOIN_S = 1.0
-OTHERS_EVERY_S = 5.0  # who else has the port open is looked for: some milliseconds of work
 RECENT = 15  # packets that say how long it takes to make one
 
 _SENT: tuple[type[Message], ...] = (FixMessage, StatusMessage, MarkerMessage, StateMessage, TimeAsk)
@@ -42,31 +40,24 @@ class Publisher:
 
         `ear`: hears what the controller says, which is asked for its clock.
         """
-        self._settings = settings
-        self._mavlink = mavlink
-        self._ear = ear
+        self._settings, self._mavlink, self._ear = settings, mavlink, ear
         self._outbox = _outbox(settings, mavlink, map_resets, ear)
         self._wake = threading.Condition()  # guards the outbox and all below; not held while the port is used
         self._stopping = False
         self.failure: BaseException | None = None  # what ended the thread: a bug, as no port's fault does
         self._written: dict[type[Message], int] = dict.fromkeys(_SENT, 0)
-        self._cut = 0
-        self._opened = 0
+        self._cut = self._opened = self._sequence = 0
         self._connected = False
         self._error: str | None = None
-        self._sequence = 0
         self._making_ns = deque([0], maxlen=RECENT)  # from the clock's reading, which is in the packet, to its writing
-        self._others: set[int] = set()  # processes that have the port open too
-        self._look_s = 0.0  # when they are looked for next
+        self._others = Others()
         self._lent: SerialLine | None = None  # while the thread waits and the line is free: to whoever publishes
         self._borrowed = False
         self._lost: WireError | OSError | None = None  # what the borrower met
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread, which opens the port and opens it again until `stop`. Does nothing where it runs already,
-        or where there is no port.
-        """
+        """Starts the thread, which opens the port again and again until `stop`; not twice, nor without a port."""
         if self._settings.port is not None and self._thread.ident is None:
             self._thread.start()
 
@@ -131,14 +122,8 @@ class Publisher:
 
     def name_others(self) -> None:
         """Tells the journal who else has the port open, once each. From one thread, as often as it likes."""
-        now_s = time.monotonic()
-        if not self._connected or now_s < self._look_s or self._settings.port is None:
-            return
-        self._look_s = now_s + OTHERS_EVERY_S
-        others = openers([self._settings.port])
-        for pid in sorted(others - self._others):
-            _log.warning("serial_shared port=%s with=%s", self._settings.port, json.dumps(described(pid)))
-        self._others = others
+        if self._connected and self._settings.port is not None:
+            self._others.name(self._settings.port)
 
     def stop(self) -> None:
         """Sends a last status, "stopping", if the port is up, and ends the thread within 1 s."""
@@ -254,7 +239,10 @@ class Publisher:
             if whole is None:
                 self._outbox.put_back()
                 return False
-            self._count_sent()
+            if self._mavlink is None:
+                self._sequence = number_after(self._sequence)
+            else:
+                self._mavlink.count_sent()
             if whole:
                 self._written[type(message)] += 1
             else:
@@ -263,12 +251,6 @@ class Publisher:
         if ear is not None and isinstance(message, TimeAsk):
             ear.asked(message.number, first_byte_ns)
         return True
-
-    def _count_sent(self) -> None:
-        if self._mavlink is None:
-            self._sequence = number_after(self._sequence)
-        else:
-            self._mavlink.count_sent()
 
     def _encode(self, message: Message, first_byte_ns: int) -> bytes | None:
         if self._mavlink is None:
@@ -301,8 +283,7 @@ class Publisher:
     def _note(self, *, connected: bool, error: str | None) -> None:
         with self._wake:
             news = not self._stopping and (connected, error) != (self._connected, self._error)
-            self._connected = connected
-            self._error = error
+            self._connected, self._error = connected, error
         if news and connected:
             _log.info("serial_open port=%s", self._settings.port)
         elif news:

@@ -18,7 +18,6 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,15 +25,13 @@ from ledpi import __version__
 from ledpi.config.check import mistakes_in
 from ledpi.config.named_files import CERTIFICATES, DICTIONARY, LENS, MAP, NamedFile, meant, named_files, passwords
 from ledpi.config.settings import sections
-from ledpi.config.shipped import udev_rule
+from ledpi.config.shipped import foreign_line
 from ledpi.core.dictionaries import FILE_ENDINGS
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import MAX_TEXT_BYTES, parse_json, parse_yaml, read_bytes
 from ledpi.core.wording import one_line, shortened_name
 from ledpi.daemon.tap.places import CAMERAS, OF_ONE_CAMERA
 from ledpi.workshop.calibrate.files import check_writable
-
-_VALUE = r"[A-Za-z0-9_.:/+-]{1,100}"
 
 VERSION = 1  # of the archive's form
 CONTENTS = "ledpi-backup.json"
@@ -53,35 +50,6 @@ _UNIT = re.compile(r"ledpi(-view|-bridge)?(@[A-Za-z0-9_-]{1,80})?|ledpi-edit(@[A
 # What zipfile and json raise for an archive that is none: one that is locked, or packed in a way of its own, too.
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, ValueError, KeyError, TypeError, AttributeError, EOFError,
            OSError, RuntimeError, struct.error, OverflowError)  # fmt: skip
-
-
-def foreign_line(content: bytes) -> int | None:
-    """Number of the first line that is not one of ledpi's own, counted from 1; None where all are."""
-    try:
-        lines = content.decode("utf-8").split("\n")
-    except UnicodeDecodeError:
-        return 1
-    return next((number for number, line in enumerate(lines, 1) if not _is_own(line)), None)
-
-
-def _is_own(line: str) -> bool:
-    if "\\" in line or not line.replace("\t", " ").isprintable():  # one at its end would join the next line
-        return False
-    text = line.strip()
-    return not text or text[0] == "#" or any(form.fullmatch(text) for form in _forms())
-
-
-@cache
-def _forms() -> tuple[re.Pattern[str], ...]:
-    return tuple(map(re.compile, _written(udev_rule())))
-
-
-def _written(template: str) -> Iterator[str]:
-    """A pattern for each rule of the template, active or an example: what is compared may have any value."""
-    for line in template.splitlines():
-        rule = line.removeprefix("# ")
-        if re.match(r'[A-Z]+(\{\w+\})?[!=]?="', rule):
-            yield re.sub(r'==""', lambda _: f'=="{_VALUE}"', re.escape(re.sub(r'=="[^"]*"', '==""', rule)))
 
 
 class Kept(NamedTuple):

@@ -142,6 +142,13 @@ def test_every_package_has_its_layer() -> None:
     assert {path.name for path in folder.glob("*.py")} == {"__init__.py", "__main__.py"}
 
 
+def test_no_file_is_a_scrap_or_a_tome() -> None:
+    """Each answers one question, in 40 to 300 lines; an __init__ in as few as it likes."""
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / "ledpi").rglob("*.py")}
+    named = {str(path.relative_to(ROOT)): n for path, n in lines.items() if path.name != "__init__.py"}
+    assert {path: n for path, n in named.items() if not 40 <= n <= 300 and "shipped-files" not in path} == {}
+
+
 def test_records_import_numpy_only() -> None:
     """The records stand below everything else."""
     path = file_of("ledpi.core.records")

@@ -49,12 +49,8 @@ class PanelLight:
     def parts(self, frames: int) -> list[PanelLight]:
         """The frames in as many parts of at least `frames` as there are."""
         count = max(1, len(self.light) // frames)
-        return [
-            replace(self, light=light, seconds=seconds)
-            for light, seconds in zip(
-                np.array_split(self.light, count), np.array_split(self.seconds, count), strict=True
-            )
-        ]
+        lights, seconds = np.array_split(self.light, count), np.array_split(self.seconds, count)
+        return [replace(self, light=one, seconds=when) for one, when in zip(lights, seconds, strict=True)]
 
     def times_from_middle(self) -> Floats:
         """(frames,) seconds, about their mean: phases and frequencies are then told independently."""

@@ -1,8 +1,9 @@
-"""One panel, enlarged and upright, in three tiles: as seen, its bands amplified, its cells."""
+"""One panel, enlarged and upright, in three tiles: as seen, its bands amplified, its cells; and a part of a frame."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -29,6 +30,7 @@ from ledpi.workshop.snapshot.record import Snapshot
 TILE, GAP = 180, 15
 TITLE, CAPTION = 26, 24  # heights of the lines above and below the tiles
 HEIGHT = TITLE + TILE + CAPTION
+MARGIN = 0.2  # of what a view shows, around it
 CLIPPED_PERCENT = 2.0  # of the amplified samples, which may be lost in black or white
 AVERAGED = 3  # neighbouring samples along the picture's rows: a row has one exposure
 
@@ -147,3 +149,50 @@ def cells_tile(codeword: Bits, size: int = TILE) -> Pixels:
         at = round((column + 0.5) * pitch - width / 2), round((row + 0.5) * pitch + height / 2)
         text(tile, label, at, colour=BACKGROUND, bold=True)
     return tile
+
+
+class View(NamedTuple):
+    """A part of the frame, and how large it is shown."""
+
+    left: int
+    top: int
+    scale: float  # pixels of the tile for each of the frame
+    width: int  # of the tile
+    height: int
+
+    def crop(self, picture: Pixels) -> Canvas:
+        """That part of a grey or coloured picture of the frame's size, enlarged without smoothing."""
+        right, bottom = self.left + round(self.width / self.scale), self.top + round(self.height / self.scale)
+        part = picture[self.top : bottom, self.left : right]
+        smoothly = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_NEAREST
+        shown = cv2.resize(part, (self.width, self.height), interpolation=smoothly)
+        return np.asarray(shown if shown.ndim == 3 else cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR), np.uint8)
+
+    def place(self, pixels: Floats) -> Floats:
+        """Returns where pixels (N, 2) of the frame, whose centres have whole numbers, lie in the tile."""
+        placed: Floats = (pixels + 0.5 - (self.left, self.top)) * self.scale - 0.5
+        return placed
+
+    def matrix(self) -> Floats:
+        """`place` as a (3, 3) homography."""
+        shift = (0.5 - np.array([self.left, self.top])) * self.scale - 0.5
+        return np.array([[self.scale, 0, shift[0]], [0, self.scale, shift[1]], [0, 0, 1.0]])
+
+
+def view_of(corners_px: list[Floats], shape: tuple[int, ...], width: int) -> View:
+    """The part of a frame of `shape` that holds these quads and a margin of their size; all of it where there are none.
+
+    It has the frame's proportions, and is `width` wide as a tile.
+    """
+    rows, columns = shape[:2]
+    wide, left, top = float(columns), 0.0, 0.0
+    if corners_px:
+        points = np.concatenate(corners_px)
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = (high - low) * (1 + 2 * MARGIN)
+        wide = min(float(columns), max(32.0, float(size[0]), float(size[1]) * columns / rows))
+        centre = (low + high) / 2
+        left = min(max(0.0, float(centre[0]) - wide / 2), columns - wide)
+        top = min(max(0.0, float(centre[1]) - wide * rows / columns / 2), rows - wide * rows / columns)
+    whole = max(1, int(wide))
+    return View(int(left), int(top), width / whole, width, round(width * rows / columns))

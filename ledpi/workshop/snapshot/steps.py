@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -30,12 +29,11 @@ from ledpi.pipeline.diagnosis.drawing import (
 )
 from ledpi.pipeline.each_cell import class_alone, class_given_others
 from ledpi.pipeline.trace import SquareTrace
-from ledpi.workshop.snapshot.enlarged import bands_tile, blank, cells_tile
+from ledpi.workshop.snapshot.enlarged import View, bands_tile, blank, cells_tile, view_of
 from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH, draw_heading
 from ledpi.workshop.snapshot.record import Snapshot
 
 GAP = 16
-MARGIN = 0.2  # of what is shown, around it
 
 MAX_SQUARES = 3
 FULL_COLOUR_NATS = 7.0  # odds of a thousand to one
@@ -64,53 +62,6 @@ class Row:
 def tile_width(tiles: int) -> int:
     """Returns that of so many in a row."""
     return (WIDTH - 2 * BORDER - (tiles - 1) * GAP) // tiles
-
-
-class View(NamedTuple):
-    """A part of the frame, and how large it is shown."""
-
-    left: int
-    top: int
-    scale: float  # pixels of the tile for each of the frame
-    width: int  # of the tile
-    height: int
-
-    def crop(self, picture: Pixels) -> Canvas:
-        """That part of a grey or coloured picture of the frame's size, enlarged without smoothing."""
-        right, bottom = self.left + round(self.width / self.scale), self.top + round(self.height / self.scale)
-        part = picture[self.top : bottom, self.left : right]
-        smoothly = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_NEAREST
-        shown = cv2.resize(part, (self.width, self.height), interpolation=smoothly)
-        return np.asarray(shown if shown.ndim == 3 else cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR), np.uint8)
-
-    def place(self, pixels: Floats) -> Floats:
-        """Returns where pixels (N, 2) of the frame, whose centres have whole numbers, lie in the tile."""
-        placed: Floats = (pixels + 0.5 - (self.left, self.top)) * self.scale - 0.5
-        return placed
-
-    def matrix(self) -> Floats:
-        """`place` as a (3, 3) homography."""
-        shift = (0.5 - np.array([self.left, self.top])) * self.scale - 0.5
-        return np.array([[self.scale, 0, shift[0]], [0, self.scale, shift[1]], [0, 0, 1.0]])
-
-
-def view_of(corners_px: list[Floats], shape: tuple[int, ...], width: int) -> View:
-    """The part of a frame of `shape` that holds these quads and a margin of their size; all of it where there are none.
-
-    It has the frame's proportions, and is `width` wide as a tile.
-    """
-    rows, columns = shape[:2]
-    wide, left, top = float(columns), 0.0, 0.0
-    if corners_px:
-        points = np.concatenate(corners_px)
-        low, high = points.min(axis=0), points.max(axis=0)
-        size = (high - low) * (1 + 2 * MARGIN)
-        wide = min(float(columns), max(32.0, float(size[0]), float(size[1]) * columns / rows))
-        centre = (low + high) / 2
-        left = min(max(0.0, float(centre[0]) - wide / 2), columns - wide)
-        top = min(max(0.0, float(centre[1]) - wide * rows / columns / 2), rows - wide * rows / columns)
-    whole = max(1, int(wide))
-    return View(int(left), int(top), width / whole, width, round(width * rows / columns))
 
 
 def likelihood_rows(snapshot: Snapshot) -> list[Row]:

@@ -420,7 +420,7 @@ def test_who_else_has_it_open_is_named_once(
     far_end: FarEnd, start: Start, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that was there before, for which TIOCEXCL comes too late."""
-    monkeypatch.setattr("ledpi.wire.publisher.OTHERS_EVERY_S", 0.0)
+    monkeypatch.setattr("ledpi.wire.line.OTHERS_EVERY_S", 0.0)
     with another_program(HOLDS, far_end.path) as other:
         publisher = start(far_end.path)
         wait_until(lambda: publisher.counters.connected)
