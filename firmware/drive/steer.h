@@ -16,7 +16,7 @@
 
 typedef struct {
     float base_m;                   /* between the wheels */
-    float fastest_m_s, slowest_m_s; /* of a wheel; below the slowest it does not begin to turn: more than its dead band */
+    float fastest_m_s, slowest_m_s; /* a wheel's; below the slowest it does not begin to turn: more than its dead band */
     float settles_s;                /* from a command until it is obeyed: delays, and the motors' lag */
 } steer_robot;
 
@@ -62,7 +62,7 @@ static inline bool steer_is_known(steer_state *state, uint32_t now_us)
     return state->known;
 }
 
-/* Where it will be, if it goes on as it moves, so many seconds from now. */
+/* The pose that it will have, if it goes on as it moves, so many seconds from now. */
 static inline steer_pose steer_ahead(const steer_state *state, uint32_t now_us, float seconds)
 {
     const float s = seconds + (float)(int32_t)(now_us - state->holds_us) * 1e-6f;
@@ -112,8 +112,8 @@ static inline steer_motion steer_go_to(const steer_robot *robot, steer_state *st
 typedef enum { STEER_APPROACH, STEER_BACK, STEER_MEND, STEER_DOCKED } steer_phase;
 
 typedef struct {
-    steer_pose goal;  /* of base_link */
-    float panel_m;    /* how far ahead of the goal the panel is */
+    steer_pose goal;  /* base_link's */
+    float panel_m;    /* distance of the panel ahead of the goal */
     float within_m, within_rad;
     uint8_t tries;    /* so often may it back up */
     steer_phase phase;
@@ -165,7 +165,7 @@ static inline steer_motion steer_dock_step(const steer_robot *robot, steer_dock 
     const float along = c * (dock->goal.x_m - at.x_m) + s * (dock->goal.y_m - at.y_m); /* that is left to go */
     const float across = c * (at.y_m - dock->goal.y_m) - s * (at.x_m - dock->goal.x_m); /* to the left of the axis */
     const float yaw = steer_wrapped(at.yaw_rad - dock->goal.yaw_rad);
-    const float panel = atan2f(-across, along + dock->panel_m); /* where it is seen */
+    const float panel = atan2f(-across, along + dock->panel_m); /* the direction in which it is seen */
     if (dock->phase == STEER_MEND)
         return steer_mend(robot, dock, now_us, along, across, yaw);
     if (state->deviation_m > .02f + .2f * fabsf(along)) /* first it must see the panel */

@@ -29,7 +29,7 @@ double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const 
 
 /* ---- Proposals: outlines of four-sided things (find.c), lattices of cells (lattice_squares.c) */
 
-enum { LEDPI_MOST_LEVELS = 10, LEDPI_MOST_SHARES = 2, LEDPI_LIMITS = 18, LEDPI_SQUARE = 11 };
+enum { LEDPI_MOST_LEVELS = 10, LEDPI_MOST_SHARES = 2, LEDPI_SQUARE = 11 };
 
 /* A picture, a pixel of which is `scale` of the frame's; which grey levels something that is lit there is brighter than, or
  * by which shares of the contrast it is, in 256ths; and the shortest way around what is. */
@@ -39,11 +39,17 @@ typedef struct {
     int32_t brighter_than[LEDPI_MOST_LEVELS], lit_by[LEDPI_MOST_SHARES], shortest;
 } FindLevel;
 
+/* Limits of an outline; `Limits` of decode/finding/outlines.py has their values, and explains them. */
+typedef struct {
+    double min_contrast, narrowest, min_area, min_lit, min_solidity, significant, alike, min_side, max_cut_off;
+    double max_misfit, pixel_misfit, tolerance, blur_misfit, near, like, same_corners, least_cell, most_cell;
+} Limits;
+
 /* Search: squares of at least `smallest_px`, of `cells` along a side. */
 typedef struct {
     double smallest_px;
     ptrdiff_t cells;
-    double limits[LEDPI_LIMITS]; /* as `Limits` of decode/finding/outlines.py, which explains them */
+    Limits limits;
 } FindWanted;
 
 /* Squares (most, LEDPI_SQUARE): four corners' x and y, side_px, misfit, tolerance_px; which of them are of different
@@ -125,19 +131,20 @@ typedef struct {
      * over the variance: (2, unknowns). */
     ptrdiff_t lines;
     const double *along, *prior;
-    /* At most; how often blocks are weighed; whether cells have bands, or gains only; whether phases are sought first, and
-     * what is surely no panel of these frequencies is left at that; of half the side: a step that moves corners by less is
-     * the last; and one after which a larger share of the light's squares would be left, or corners less certain, in pixels. */
-    ptrdiff_t rounds, reweightings;
-    bool banded, phasing, must_blink;
-    double tolerance, most_left, most_sigma;
+    ptrdiff_t rounds, reweightings; /* at most; times that blocks are weighed */
+    bool banded, phasing;           /* cells have bands, not gains only; phases are sought first */
+    bool must_blink;                /* then what is surely no panel of these frequencies is left at that */
+    double tolerance;               /* half sides: a step that moves corners by less is the last */
+    double most_left, most_sigma;   /* early stop: larger share of the squares left, or less certain corners (pixels) */
     /* Start and result: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
     double corners[8];
     double *unknown;
-    /* Derived from it: corners of what is lit, and their covariance, also by how far they would move without any one
-     * of the cells, where blocks are weighed; how many cells of each side (left, right, above,
-     * below) something hides; the share of the light's squares about their mean that is explained; the rest's mean. */
-    double lit[8], hidden[4], covariance[64], jackknife[64], explained, variance;
+    double lit[8];         /* derived from it: corners of what is lit */
+    double hidden[4];      /* cells of each side (left, right, above, below) that something hides */
+    double covariance[64]; /* that of `lit` */
+    double jackknife[64];  /* likewise, by how far they move without any one of the cells, where blocks are weighed */
+    double explained;      /* share of the light's squares about their mean */
+    double variance;       /* mean of the rest */
     bool settled; /* the last step hardly moved anything */
     ptrdiff_t sampled; /* places, in all rounds: what it cost */
 } PanelFit;
@@ -148,38 +155,36 @@ enum { LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160, LEDPI_MOST_EACH = 16 };
 int ledpi_fit_panel(PanelFit *fit, uint8_t *room);
 ptrdiff_t ledpi_panel_room(void);
 
-/* The evidence on the bands of a panel that `fit` has fitted, on a grid of equal steps within each cell, `step_px` of `light` across
- * and down; of as many waves as tell the classes apart. `cycles_before`: of each wave, from the moment that its phase is
- * counted from to row 0; `lowered`: to how much of each wave the mean of the rows lowers it that a pixel of `light` stands for.
- * `turns` (waves, 2): of each wave, of these `phases` in row 0, what turns it with its harmonics to a cosine of height 1; NULL
- * where phases are open, and waves are sinusoids. With a mean of frames on the same grid (light, how many tell it, the waves' cosine and sine; else NULL) it
- * is that of the mean, or, where `compared`, of how this frame differs from it. Out come the frame's own light (over the panel's,
- * shifted where it is compared), whether it tells, and waves; score (cells², 2·waves), information
- * (cells², 2·waves)² over the variance of what is left; by how much noise that is alike inflates that; and how many samples
- * were free. */
+/* The evidence on the bands of a panel that `fit` has fitted, on a grid of equal steps within each cell. Of a frame by itself;
+ * with a mean of frames on the same grid of that mean; or, where `compared`, of how the frame differs from it. */
 typedef struct {
     PanelFit fit;
-    ptrdiff_t waves;
-    double cycles_before[2], lowered[2], phases[2], step_px[2];
-    const float *turns, *mean_light, *mean_count, *mean_wave;
+    ptrdiff_t waves;         /* as many as tell the classes apart */
+    double cycles_before[2]; /* each wave's, from the moment that its phase is counted from to row 0 */
+    double row_average[2];   /* share of each wave that is left in the mean of the rows that a pixel of `light` stands for */
+    double phases[2];        /* in row 0, that `turns` are of */
+    double step_px[2];       /* pixels of a step of the grid, across and down */
+    const float *turns;      /* (waves, 2) turns a wave with its harmonics to a cosine of height 1; NULL: phases are open */
+    const float *mean_light, *mean_count, *mean_wave; /* the mean's light, how many tell it, cosine and sine; NULL: none */
     bool compared;
-    float *light, *tells, *wave;
-    double *score, *information, inflation, freedom;
+    float *light, *valid, *wave; /* the frame's: light over the panel's, shifted where compared; 0 or 1; its waves */
+    double *score, *information; /* (cells², 2·waves), (cells², 2·waves)², over the variance of what is left */
+    double inflation, freedom;   /* by which noise that is alike inflates it; number of samples that were free */
 } PanelEvidence;
 
 bool ledpi_panel_evidence(PanelEvidence *evidence, uint8_t *room);
 ptrdiff_t ledpi_panel_evidence_room(void);
 
-/* A panel's own picture, as a fit had it, to follow it by: on a grid of `lines` both ways, `width` apart (a multiple of eight),
- * `along` (width) 0..1 from the first corner. All is over the root of its variance, `weight` (lines, width): light without bands;
- * its slopes by `unknowns`, those of a fit but for a cell's gain alone; light of the cells that show each of the waves. `inverse`
- * (unknowns, unknowns) of the products of slopes, with what is known beforehand, which is what pulls (unknowns); 0 for what is not
- * free. `ridge`, a sample's variance over that of a wave. The covariance of the corners of what is lit, by the panel (0..1). */
+/* A panel's own picture, as a fit had it, to follow it by. All is over the root of its variance. */
 typedef struct {
-    ptrdiff_t lines, width, unknowns, waves;
-    float *along, *weight, *light, *slopes, *shown;
-    const double *inverse, *pull;
-    double ridge[2], covariance[64];
+    ptrdiff_t lines, width, unknowns, waves; /* the grid's, both ways; apart, a multiple of eight; a fit's, but for one gain */
+    float *along;          /* (width) 0..1 from the first corner */
+    float *weight, *light; /* (lines, width) one over the root of the variance; light without bands */
+    float *slopes, *shown; /* the light's by each unknown; light of the cells that show each of the waves */
+    const double *inverse; /* (unknowns, unknowns) inverse of the products of slopes with the prior; 0 for what is not free */
+    const double *pull;    /* (unknowns) the prior's */
+    double ridge[2];       /* a sample's variance over that of each wave */
+    double covariance[64]; /* the lit corners', by the panel (0..1) */
 } PanelPicture;
 
 void ledpi_panel_picture(const PanelFit *fitted, const double *shares, PanelPicture *out, uint8_t *room);

@@ -31,7 +31,7 @@ from ledpi.daemon.health import (
 )
 from ledpi.daemon.liveness import Liveness, Pacing
 from ledpi.daemon.observers import Observers, setup_of
-from ledpi.daemon.reload import NOTHING_LEFT, Left, publisher_of
+from ledpi.daemon.reload import NO_HANDOVER, Handover, publisher_of
 from ledpi.daemon.reporting import Watchdog, is_service, notify
 from ledpi.daemon.rewind import ASKED
 from ledpi.daemon.ring import FrameRing
@@ -90,7 +90,7 @@ class Daemon:
         _warn(config, self._pipeline, info, robot)
         resets = resets or Resets()
         resets.update_map(robot.panels)
-        self._left = NOTHING_LEFT
+        self._handover = NO_HANDOVER
         self._health = Health()
         self._state = robot_state_of(config, robot, resets, self._tell_state, self._health.reject)
         ear = self._state if config.hears_controller else None
@@ -117,16 +117,16 @@ class Daemon:
 
     def hand_over(self, config: Config) -> None:
         """Ends `run` soon, for a daemon with this configuration: what that would open in the same way stays open."""
-        self._left = Left(
+        self._handover = Handover(
             camera=self._camera if is_same_camera(self._config, config) else None,
             publisher=self._publisher if self._publisher.fits(config.serial, hears=config.hears_controller) else None,
         )
         self.stop()
 
     @property
-    def left(self) -> Left:
+    def handover(self) -> Handover:
         """After `run`: what runs on for the next one."""
-        return self._left
+        return self._handover
 
     def save(self, cause: str = ASKED) -> Future[Path]:
         """Writes the last seconds; the recording's folder once it is whole, or RecordingError. From any thread.
@@ -165,8 +165,10 @@ class Daemon:
         if self._state is not None:
             self._state.stop()
         self._observers.end()
-        if self._left.camera is None or not self._workers.join(self._capture):  # a camera that hangs is opened again
-            self._left = self._left._replace(camera=None)
+        if self._handover.camera is None or not self._workers.join(
+            self._capture
+        ):  # a camera that hangs is opened again
+            self._handover = self._handover._replace(camera=None)
             closing = threading.Thread(target=self._close_camera, name="close", daemon=True)
             try:
                 closing.start()
@@ -178,7 +180,7 @@ class Daemon:
         self._ring.close()
         self._workers.join(self._decode)
         self._send_status()  # the last status counts every frame
-        if self._left.publisher is None:
+        if self._handover.publisher is None:
             self._publisher.stop()
         else:
             self._publisher.set_status(STARTING)

@@ -23,7 +23,7 @@ from ledpi.wire.publisher import Publisher
 SLOW_S = 3.0  # a map of a thousand panels takes one on a Raspberry Pi
 
 
-class Left(NamedTuple):
+class Handover(NamedTuple):
     """Things that a daemon leaves to the next one: running, and not to be opened again."""
 
     camera: Camera | None
@@ -38,7 +38,7 @@ class Left(NamedTuple):
             self.publisher.stop()
 
 
-NOTHING_LEFT = Left(camera=None, publisher=None)
+NO_HANDOVER = Handover(camera=None, publisher=None)
 
 
 def publisher_of(

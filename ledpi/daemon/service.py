@@ -16,7 +16,7 @@ from ledpi.core.wording import one_line
 from ledpi.daemon.daemon import Daemon
 from ledpi.daemon.health import Totals
 from ledpi.daemon.observers import close_tap, open_tap
-from ledpi.daemon.reload import NOTHING_LEFT, Left, Reading
+from ledpi.daemon.reload import NO_HANDOVER, Handover, Reading
 from ledpi.daemon.reporting import event, notify
 from ledpi.daemon.tap.protocol import Request
 from ledpi.daemon.tap.server import Tap
@@ -87,7 +87,7 @@ class Service:
                     self._daemon.stop()
         finally:
             notify("STOPPING=1")
-            self._daemon.left.close()
+            self._daemon.handover.close()
             close_tap(self._tap)
 
     def _handle_requests(self) -> None:
@@ -120,7 +120,7 @@ class Service:
     def _change_to(self, config: Config) -> Daemon:
         """Changes to it; what only the camera shows to be wrong brings the old configuration back."""
         notify("WATCHDOG=1")  # the old daemon has ended as it should; a camera, or two, may be about to be opened
-        tap, left = self._tap, self._daemon.left
+        tap, left = self._tap, self._daemon.handover
         try:
             tap = open_tap(config, self._tap)
             daemon = self._start(config, tap, left)
@@ -133,7 +133,7 @@ class Service:
         self._config, self._tap = config, tap
         return daemon
 
-    def _start(self, config: Config, tap: Tap | None, left: Left = NOTHING_LEFT) -> Daemon:
+    def _start(self, config: Config, tap: Tap | None, left: Handover = NO_HANDOVER) -> Daemon:
         camera = left.camera or self._open_camera(config)
         try:
             shown = config.panels if camera.panel is None else config.panels.override_with(camera.panel)

@@ -79,8 +79,10 @@ class History(NamedTuple):
 
         `searched`: frequencies are searched for, so the frame itself is kept, too.
         """
-        thinly = self.is_clear
-        further, added = zip(*(memory.add_frame(seen, weigher, thinly=thinly) for memory in self.memories), strict=True)
+        decimate = self.is_clear
+        further, added = zip(
+            *(memory.add_frame(seen, weigher, decimate=decimate) for memory in self.memories), strict=True
+        )
         search = self.search.add_frame(seen) if searched else self.search
         return self._replace(memories=further, search=search), list(added)
 

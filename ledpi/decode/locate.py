@@ -13,8 +13,8 @@ from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, dimmest
 from ledpi.decode.finding.find import Glancer, Pyramid
 from ledpi.decode.finding.glance import template
 from ledpi.decode.following import Follower
-from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, Fitter, side_covariance
-from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
+from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, FitOptions, Fitted, Fitter, side_covariance
+from ledpi.decode.model.light import COARSE, FEWEST_PX, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
 from ledpi.decode.proposals import DEEP
 
@@ -79,12 +79,12 @@ class Locator:
         """On a coarse grid, then on a fine one, with even cells, so that only corners move it."""
         depth = band_depth(frame, self._specs)
         deep, faint = depth > DEEP, depth <= FAINT_DEPTH
-        coarse = Effort(
+        coarse = FitOptions(
             rounds=8,
             tolerance=0.02,
             most_left=1.0 - MIN_EXPLAINED,
             most_sigma=math.inf if deep else MAX_SIGMA,  # of the few pixels that deep bands leave it knows too little
-            roughly=True,
+            coarse=True,
             even=True,
             banded=not faint,
             phasing=deep,
@@ -96,7 +96,7 @@ class Locator:
         unknown = fit.unknown.copy()
         if not deep:
             unknown[BLUR] = math.log(START_BLUR_PX)
-        evenly = Effort(
+        evenly = FitOptions(
             rounds=6,
             tolerance=0.02,
             most_left=1.0 - MIN_EXPLAINED,
@@ -112,7 +112,7 @@ class Locator:
     def _finely(self, frame: Frame, fit: Fitted) -> Fitted | Rejected:
         """From an even fit on, with all unknowns."""
         faint = band_depth(frame, self._specs) <= FAINT_DEPTH
-        fine = Effort(rounds=10, reweightings=2, faint=faint, must_blink=self._must_blink)
+        fine = FitOptions(rounds=10, reweightings=2, faint=faint, must_blink=self._must_blink)
         finely = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
         if isinstance(finely, Rejected) or finely.settled or not finely.hidden.any():
             return finely  # what has a hidden side takes longer
@@ -184,7 +184,7 @@ class Locator:
 
         `known`: the unknowns of its last fit, with its corners in the same order.
         """
-        fine = Effort(rounds=6, reweightings=1, faint=band_depth(frame, self._specs) <= FAINT_DEPTH)
+        fine = FitOptions(rounds=6, reweightings=1, faint=band_depth(frame, self._specs) <= FAINT_DEPTH)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
         return self._quad(fit if known[RIM:SHAPE].max() > LEAST_HIDDEN else self._best_placed(frame, fit))
 
@@ -215,7 +215,7 @@ class Locator:
         self,
         frame: Frame,
         corners_px: Floats,
-        effort: Effort,
+        options: FitOptions,
         specs: tuple[PanelSpec, ...],
         known: Floats | None = None,
     ) -> Fitted | Rejected:
@@ -223,13 +223,13 @@ class Locator:
         smallest_px = self._cells * MIN_CELL_PX
         if not quad_side(corners_px.tolist()) >= smallest_px:
             return TOO_SMALL
-        fewest_px = FEWEST_PX if effort.phasing or not effort.roughly else self._cells * ROUGHLY
+        fewest_px = FEWEST_PX if options.phasing or not options.coarse else self._cells * COARSE
         window = Window.crop(frame, corners_px, REACH, fewest_px)
         if window is None:
             return NO_LIGHT
-        if effort.roughly and effort.phasing and window.dimmed > dimmest(frame, self._specs) * window.bright:
+        if options.coarse and options.phasing and window.dimmed > dimmest(frame, self._specs) * window.bright:
             return NO_BANDS
-        fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]
+        fits = [self._fitter.fit(frame, window, corners_px, spec, options, known) for spec in specs]
         best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)
         if isinstance(best, Rejected):
             return best
@@ -239,7 +239,7 @@ class Locator:
         if not side_px >= smallest_px:
             return TOO_SMALL
         sigma_px = math.sqrt(float(np.trace(best.covariance_px2)) / 8.0)
-        if effort.roughly and effort.phasing:
+        if options.coarse and options.phasing:
             return best  # in deep bands it sees few of the pixels: a finer grid may know more
         return best if sigma_px < MAX_SIGMA * side_px / self._cells else UNCERTAIN
 

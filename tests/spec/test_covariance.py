@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Rejected
-from ledpi.decode.model.fit import Effort, Fitter
+from ledpi.decode.model.fit import FitOptions, Fitter
 from tests.builders.decode import SPEC, TRUE_10_MS_US, square
 from tests.builders.model import Panel, nees, window_of
 
 FITTER = Fitter(4, None)
-WHOLE = Effort(rounds=10, reweightings=2)
+WHOLE = FitOptions(rounds=10, reweightings=2)
 
 
 @pytest.mark.slow

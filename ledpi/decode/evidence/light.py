@@ -59,7 +59,7 @@ class Mean:
         return math.isqrt((len(self.built) - COMMON) // OWN)
 
     @property
-    def thinned(self) -> Mean:
+    def decimated(self) -> Mean:
         """The same on every third line, if it has as many as there are: thirds have their middles on lines of these."""
         if self.each < MOST_EACH_OF_SEVERAL:
             return self
@@ -104,9 +104,11 @@ class LightWeigher:
         """
         phases, turns = [0.0, 0.0], np.empty(len(bands), np.float32)
         tables = fundamentals(spec, seen.frame.exposure_us, seen.frame.row_time_us, seen.window.shrink)
-        for k, (fundamental, lowered) in enumerate(zip(tables[: len(bands) // 2], _lowered(seen, spec), strict=False)):
+        for k, (fundamental, row_average) in enumerate(
+            zip(tables[: len(bands) // 2], _row_average(seen, spec), strict=False)
+        ):
             angle = cmath.phase(complex(*bands[2 * k : 2 * k + 2]))
-            turned = cmath.rect(lowered / max(abs(fundamental), LEAST_DEPTH), angle)
+            turned = cmath.rect(row_average / max(abs(fundamental), LEAST_DEPTH), angle)
             phases[k] = (cmath.phase(fundamental) - angle) / math.tau
             turns[2 * k : 2 * k + 2] = turned.real, turned.imag
         return self._weigh(seen, spec, 0.0, self._each(seen), None, wall_px=WALL_PX, phases=phases, turns=turns)[1]
@@ -125,10 +127,10 @@ class LightWeigher:
         """The evidence of the mean picture, read as one frame; `seen` is its newest."""
         return self._weigh(seen, spec, 0.0, mean.each, mean, built=mean.built)[1]
 
-    def is_comparable(self, seen: Observation, mean: Mean, *, thinly: bool) -> bool:
-        """Tells whether the mean's grid suits the panel's size in the picture still; `thinly`: where it may be thin."""
+    def is_comparable(self, seen: Observation, mean: Mean, *, decimate: bool) -> bool:
+        """Tells whether the mean's grid still suits the panel's size in the picture; `decimate`: it may be thin."""
         each = self._each(seen, MOST_EACH_OF_SEVERAL)
-        suits = (each, self._each(seen, MOST_EACH_OF_SEVERAL // THIN)) if thinly else (each,)
+        suits = (each, self._each(seen, MOST_EACH_OF_SEVERAL // THIN)) if decimate else (each,)
         return any(abs(of - mean.each) <= max(1.0, SAME_GRID * mean.each) for of in suits)
 
     def _each(self, seen: Observation, most: int = MOST_EACH) -> int:
@@ -153,7 +155,7 @@ class LightWeigher:
         lines, steps_px = _lines(cells, each, pitch_px_of(seen.lattice_px / window.shrink, cells), wall_px)
         unknown = seen.unknown if built is None else np.where(_built_in(cells), built, seen.unknown)
         shape, parameters = (len(lines), len(lines)), 2 * count
-        light, tells, wave = (np.zeros(of, np.float32) for of in (shape, shape, (parameters, *shape)))
+        light, valid, wave = (np.zeros(of, np.float32) for of in (shape, shape, (parameters, *shape)))
         score, information = np.empty((cells**2, parameters)), np.empty((cells**2, parameters) * 2)
         found, weighed = self._weigher.weigh(
             {
@@ -170,7 +172,7 @@ class LightWeigher:
             },
             waves=count,
             cycles_before=[math.fmod(hz * since_s, 1.0) for hz in (spec.black_hz, spec.white_hz)],
-            lowered=_lowered(seen, spec),
+            row_average=_row_average(seen, spec),
             step_px=steps_px,
             phases=phases,
             turns=NONE if turns is None else turns,
@@ -179,13 +181,13 @@ class LightWeigher:
             mean_wave=NONE if mean is None else mean.waves,
             compared=compared,
             light=light,
-            tells=tells,
+            valid=valid,
             wave=wave,
             score=score,
             information=information,
         )
         self.sampled += EACH_LOOK + EACH_SAMPLE * light.size
-        picture = Mean(light=light, count=tells, waves=wave, built=unknown)
+        picture = Mean(light=light, count=valid, waves=wave, built=unknown)
         return picture, self._evidence(seen, spec, unknown, score, information, weighed) if found else None
 
     def _prior(self, steps_px: list[float], each: int, exposure_us: float, *, compared: bool) -> Floats:
@@ -209,7 +211,7 @@ class LightWeigher:
         return erase_cells(evidence, np.asarray(gains < UNLIT * gains.mean()))
 
 
-def _lowered(seen: Observation, spec: PanelSpec) -> list[float]:
+def _row_average(seen: Observation, spec: PanelSpec) -> list[float]:
     """To how much of black's wave, and of white's, the mean of as many rows lowers it as a window averages."""
     row_s = seen.frame.row_time_us * 1e-6
     return [float(np.sinc(hz * seen.window.shrink * row_s)) for hz in (spec.black_hz, spec.white_hz)]

@@ -62,17 +62,17 @@ class PanelMemory(NamedTuple):
         return self._replace(frames=1, origin_ns=seen.frame.row0_readout_ns, last=seen)
 
     def add_frame(
-        self, seen: Observation, weigher: LightWeigher, *, thinly: bool = False
+        self, seen: Observation, weigher: LightWeigher, *, decimate: bool = False
     ) -> tuple[PanelMemory, Evidence | None]:
         """The memory with one more frame, and the evidence that this adds by comparison with those before, if any.
 
-        `thinly`: by fewer samples, where the panel is near. A frame on another grid cannot be compared.
+        `decimate`: by fewer samples, where the panel is near. A frame on another grid cannot be compared.
         """
         if not self.frames:
             return self.begin(seen), None
         further = self._replace(frames=self.frames + 1, last=seen, mean=None)
-        before = self._mean(weigher).thinned if thinly else self._mean(weigher)
-        if not weigher.is_comparable(seen, before, thinly=thinly):
+        before = self._mean(weigher).decimated if decimate else self._mean(weigher)
+        if not weigher.is_comparable(seen, before, decimate=decimate):
             return further, None  # what was learnt of the bands stays, the picture does not
         picture, added = weigher.compare(seen, self.spec, further._since_s(seen), before)
         further = further._replace(mean=before.add(picture, MEAN_FRAMES))

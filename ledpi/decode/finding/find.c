@@ -46,7 +46,7 @@ ptrdiff_t ledpi_find_room(ptrdiff_t height, ptrdiff_t width) {
 
 static void find_in(const FindLevel *level, const uint8_t *lit, const FindWanted *wanted, const Room *room,
                     ptrdiff_t *squares, FindResult *found) {
-    const Limits *const limits = (const Limits *)wanted->limits;
+    const Limits *const limits = &wanted->limits;
     const Outlined outlined = ledpi_outlines(lit, level->height, level->width, level->shortest, limits, room->runs,
                                              room->things, room->points, room->points_room, room->outlines, room->most);
     found->at_border += outlined.at_border;
@@ -76,7 +76,7 @@ static void find_lit(const FindLevel *level, const FindWanted *wanted, const Roo
     ledpi_contrast(level->picture, level->height, level->width, room->window, room->above, room->contrast);
     for (ptrdiff_t k = 0; k < level->shares; k++) {
         /* Opened where the closing makes thin bridges to the surroundings. */
-        ledpi_lit(room->above, room->contrast, level->height, level->width, level->lit_by[k], (const Limits *)wanted->limits,
+        ledpi_lit(room->above, room->contrast, level->height, level->width, level->lit_by[k], &wanted->limits,
                   level->scale > 2, room->melt, room->lit);
         find_in(level, room->lit, wanted, room, squares, found);
     }
@@ -93,7 +93,7 @@ void ledpi_find(const FindLevel *levels, ptrdiff_t count, const FindWanted *want
         find_brighter(level, wanted, room, &squares, found);
         find_lit(level, wanted, room, &squares, found);
     }
-    found->distinct_count = ledpi_distinct((const Square *)found->squares, squares, (const Limits *)wanted->limits, found->distinct);
-    found->distinct_count = ledpi_drop_cells((const Square *)found->squares, found->distinct_count, wanted->cells, (const Limits *)wanted->limits,
+    found->distinct_count = ledpi_distinct((const Square *)found->squares, squares, &wanted->limits, found->distinct);
+    found->distinct_count = ledpi_drop_cells((const Square *)found->squares, found->distinct_count, wanted->cells, &wanted->limits,
                                                 found->distinct);
 }

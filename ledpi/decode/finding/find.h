@@ -5,14 +5,6 @@
 
 #include "core.h"
 
-/* As `Limits` of decode/finding/outlines.py, which explains them. */
-typedef struct {
-    double min_contrast;
-    double narrowest, min_area, min_lit;
-    double min_solidity, significant, alike, min_side, max_cut_off, max_misfit, pixel_misfit, tolerance;
-    double blur_misfit, near, like, same_corners, least_cell, most_cell;
-} Limits;
-
 /* ---- What is lit */
 
 enum { REACH = 6, SPAN = 2 * REACH + 1, ROWS = 32, STRIP = ROWS + 2 * REACH };

@@ -4,7 +4,7 @@ glance at all of them (glance.c).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import cv2
@@ -28,14 +28,14 @@ Level: TypeAlias = tuple[Pixels, int, tuple[int, ...], tuple[int, ...]]
 class SquareSearcher:
     """Searches the same pictures again and again, in room that it keeps."""
 
-    def __init__(self, levels: Sequence[Level], smallest_px: float, cells: int, limits: Sequence[float]) -> None:
+    def __init__(self, levels: Sequence[Level], smallest_px: float, cells: int, limits: Mapping[str, float]) -> None:
         """`levels`: pictures are read anew each time, the largest first. `limits`: as in decode/finding/outlines.py."""
         self._kept = tuple(levels)
         self._room = np.empty(lib.ledpi_find_room(*levels[0][0].shape), np.uint8)
         self._squares = np.empty((MOST_SQUARES, lib.LEDPI_SQUARE))
         self._distinct = np.empty(MOST_SQUARES, np.int64)
         self._result = ffi.new("FindResult *", (pointer(self._squares), pointer(self._distinct), MOST_SQUARES))
-        self._wanted = ffi.new("FindWanted *", (smallest_px, cells, tuple(limits)))
+        self._wanted = ffi.new("FindWanted *", (smallest_px, cells, limits))
         self._levels = ffi.new("FindLevel[]", len(levels))
         for number, (picture, shortest, brighter_than, lit_by) in enumerate(levels):
             sizes = (*picture.shape, 2 << number, len(brighter_than), len(lit_by))

@@ -27,7 +27,7 @@ _SHORTEST = (10, 24, 24)
 
 
 class Limits(NamedTuple):
-    """Limits of an outline; as `Limits` of find.h has them."""
+    """Limits of an outline; as `Limits` of core.h has them."""
 
     min_contrast: float = 16  # grey levels from the darkest around: less is noise and texture
     narrowest: float = 3  # pixels, across and down: less is a speck
@@ -56,7 +56,7 @@ class Finder:
         """`smallest_px`: side of the smallest panel that can be read. `cells`: along a side."""
         self._pyramid = Pyramid(height, width)
         levels = list(zip(self._pyramid.smaller, _SHORTEST, (_FINE, _COARSE, _COARSE), _SHARES, strict=True))
-        self._searcher = SquareSearcher(levels, smallest_px, cells, Limits())
+        self._searcher = SquareSearcher(levels, smallest_px, cells, Limits()._asdict())
 
     def find(self, frame: Frame) -> tuple[Floats, list[Rejected]]:
         """Corners (N, 4, 2) of distinct things, the best outline first; and what was dropped."""

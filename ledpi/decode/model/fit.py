@@ -28,7 +28,7 @@ WHY = {lib.LEDPI_WITHOUT_BANDS: NO_BANDS, lib.LEDPI_MISFIT: MISFIT, lib.LEDPI_UN
 
 EACH_FIT = 4000  # places that a fit costs beside those that it looks at: its window, the arguments, the covariance
 SATURATED = 0.999  # of full scale: such light says nothing
-# Of an `Effort`: what the solver itself goes by.
+# Fields of `FitOptions`: what the solver itself goes by.
 SOLVED_BY = ("rounds", "reweightings", "banded", "phasing", "must_blink", "tolerance", "most_left")
 RIMS = np.array([RIM + 2, RIM + 1, RIM + 3, RIM])  # of the sides from one corner to the next: above, right, below, left
 # In cells, at either end of a side that something hides: its edge may lie aslant, which draws the lattice there.
@@ -39,7 +39,7 @@ UNEVEN = 1.0 / math.sqrt(3.0)  # of a strip's width, at its ends: as anything be
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Effort:
+class FitOptions:
     """Rounds, tolerances and grid of one fit."""
 
     rounds: int  # of Gauss and Newton, at most
@@ -47,7 +47,7 @@ class Effort:
     most_left: float = math.inf  # share of the light's squares: where more is foreseen to be left, the fit ends
     most_sigma: float = math.inf  # of a cell: so, too, where corners are foreseen to be less certain
     reweightings: int = 0  # how often what does not fit is given less weight
-    roughly: bool = False  # on a coarse grid
+    coarse: bool = False  # on a coarse grid
     faint: bool = False  # bands are, so their phases stay near what the grid finds
     even: bool = False  # cells are seen even about their middles: nothing but corners moves the lattice
     banded: bool = True  # cells show bands
@@ -88,18 +88,18 @@ class Fitter:
         window: Window,
         corners_px: Floats,
         spec: PanelSpec,
-        effort: Effort,
+        options: FitOptions,
         known: Floats | None = None,
     ) -> Fitted | Rejected:
         """From corners (4, 2) of the lattice, or why it comes to nothing. `known`: unknowns to begin with."""
         cells = self._cells
         pitch_px = pitch_px_of(corners_px / window.shrink, cells)
-        lines = grid(cells, round(min(pitch_px), 1), roughly=effort.roughly)
+        lines = grid(cells, round(min(pitch_px), 1), coarse=options.coarse)
         if len(lines) > MOST_LINES:
             return DIVERGED
         each = len(lines) / cells  # no finer than the grid is what is seen of a cell
         across, down = (round(max(1.0, min(each, of)), 1) for of in pitch_px)
-        given = prior(cells, (across, down), frame.exposure_us, even=effort.even, faint=effort.faint)
+        given = prior(cells, (across, down), frame.exposure_us, even=options.even, faint=options.faint)
         unknown = (given[0] if known is None else known).copy()
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
         per_row = frame.row_time_us * 1e-6
@@ -111,8 +111,8 @@ class Fitter:
             lines=len(lines),
             along=lines,
             prior=given,
-            **{name: getattr(effort, name) for name in SOLVED_BY},
-            most_sigma=effort.most_sigma * quad_side(corners_px.tolist()) / cells,
+            **{name: getattr(options, name) for name in SOLVED_BY},
+            most_sigma=options.most_sigma * quad_side(corners_px.tolist()) / cells,
             corners=corners_px.reshape(-1).tolist(),
             unknown=unknown,
         )

@@ -103,16 +103,16 @@ def fundamentals(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink
 
 NEAR_BORDER = np.arange(-2.0, 3.0)  # pixels, of the lines about the borders of cells, where light changes most
 FINE_PX = 9.0  # width of a cell from which on lines are not evenly spread, one a pixel
-ROUGHLY = 5  # lines along a cell, for the coarse fit
+COARSE = 5  # lines along a cell, for the coarse fit
 INSIDE = (4, 7)  # along the rest of a cell, between borders: fewest, most
 MARGIN_PX = 1.5  # further out is what may be beyond a panel's frame
 
 
 @lru_cache(maxsize=256)
-def grid(cells: int, pitch_px: float, *, roughly: bool) -> Floats:
+def grid(cells: int, pitch_px: float, *, coarse: bool) -> Floats:
     """(lines,) of a grid over the panel, in cells from its first corner; `pitch_px` a cell's width in the window."""
-    if roughly or pitch_px < FINE_PX:
-        each = max(3, min(round(pitch_px), ROUGHLY if roughly else int(FINE_PX)))
+    if coarse or pitch_px < FINE_PX:
+        each = max(3, min(round(pitch_px), COARSE if coarse else int(FINE_PX)))
         beyond = max(1, math.ceil(MARGIN_PX * each / max(pitch_px, 1.0)))
         return read_only((np.arange(-beyond, cells * each + beyond) + 0.5) / each)
     borders = np.arange(cells + 1)[:, None] + NEAR_BORDER / pitch_px

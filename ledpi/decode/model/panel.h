@@ -69,7 +69,7 @@ static inline float ledpi_panel_wave(const Panel *panel, ptrdiff_t k, float phas
  * of the cells that meet there (the nearest down and across, then the next), not weighted. */
 typedef struct {
     Floats by[DENSE], own[2][2][OWN], seen, predicted, weight, row, outside; /* row of the picture; share beside the panel */
-    bool tells[LEDPI_WIDTH]; /* within the view and not saturated */
+    bool valid[LEDPI_WIDTH]; /* within the view and not saturated */
 } Samples;
 
 /* The harmonics, across and down, of each of the SHAPES: as many LEDs along a cell make spots. */
@@ -105,7 +105,7 @@ void ledpi_panel_lines(const Line *lines, const double *along, ptrdiff_t count, 
 void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown, const Profile *profile,
                         const Lines *across, const Line *down, float v, Samples *out);
 
-/* Samples at eight places u, v of the panel (0..1): `seen`, `row` and `tells` (panel_light.c). */
+/* Samples at eight places u, v of the panel (0..1): `seen`, `row` and `valid` (panel_light.c). */
 void ledpi_panel_look(const Panel *panel, const View *view, const float *h, const float *u, float v, Samples *out);
 
 /* Squares of the light that bands explain, and that they should. */

@@ -39,27 +39,27 @@ static LEDPI_INLINE void put_waves(const Weighing *w, float row, float waves[FRE
         }
         const float cycles = (float)w->asked->cycles_before[k] + row * (float)w->fit.panel.cycles_a_row[k];
         const float angle = (float)TURN * (cycles - rintf(cycles));
-        waves[2 * k] = (float)w->asked->lowered[k] * cosf(angle), waves[2 * k + 1] = (float)w->asked->lowered[k] * sinf(angle);
+        waves[2 * k] = (float)w->asked->row_average[k] * cosf(angle), waves[2 * k + 1] = (float)w->asked->row_average[k] * sinf(angle);
     }
 }
 
 /* Puts the cells that meet at a sample: the slopes of their light by gain in the last of their FREE, how much the fit's bands add
  * to it in the first; of a mean of frames, which has others, none. Returns these bands. */
-static LEDPI_INLINE float put_met(const Weighing *w, const Samples *s, int lane, const Lines *across, const Line *down, Met *met) {
+static LEDPI_INLINE float fill_overlap(const Weighing *w, const Samples *s, int lane, const Lines *across, const Line *down, CellOverlap *overlap) {
     float bands = 0.0f;
-    met->shown = 0.0f;
+    overlap->shown = 0.0f;
     for (int j = 0; j < 2; j++)
         for (int i = 0; i < 2; i++) {
             if (!(across->light[i][lane] * down->light[j] > NO_LIGHT)) continue;
-            met->cell[met->count] = down->cell[j] * w->fit.panel.cells + across->cell[i][lane];
-            const double *unknown = w->fit.unknown + COMMON + OWN * met->cell[met->count];
+            overlap->cell[overlap->count] = down->cell[j] * w->fit.panel.cells + across->cell[i][lane];
+            const double *unknown = w->fit.unknown + COMMON + OWN * overlap->cell[overlap->count];
             const float by_gain = s->own[j][i][0][lane], light = (float)unknown[0] * by_gain;
-            float own = 0.0f, *const by = met->by[met->count++];
+            float own = 0.0f, *const by = overlap->by[overlap->count++];
             for (int k = 0; k < 2; k++) own += (float)unknown[1 + k] * s->own[j][i][1 + k][lane];
             by[0] = w->asked->mean_light ? 0.0f : fminf(1.0f, fmaxf(-1.0f, own / fmaxf(light, 1e-12f)));
             by[FREE - 1] = by_gain;
             for (int k = FREE; k < PADDED; k++) by[k] = 0.0f;
-            met->shown += light * (1.0f + by[0]);
+            overlap->shown += light * (1.0f + by[0]);
             bands += own;
         }
     return bands;
@@ -77,7 +77,7 @@ static LEDPI_INLINE Shown shown_at(const Weighing *w, const Samples *s, int lane
     const float seen = s->seen[lane], steady = s->predicted[lane] - bands;
     Shown shown = {.left = seen - steady, .level = 0.0f, .deviation = 1.0f};
     put_waves(w, s->row[lane], shown.waves);
-    asked->light[at] = seen, asked->tells[at] = 1.0f;
+    asked->light[at] = seen, asked->valid[at] = 1.0f;
     for (ptrdiff_t p = 0; p < 2 * asked->waves; p++) asked->wave[p * all + at] = shown.waves[p];
     if (!asked->mean_light) return shown;
     const float mean = asked->mean_light[at], before = asked->mean_count[at];
@@ -89,18 +89,18 @@ static LEDPI_INLINE Shown shown_at(const Weighing *w, const Samples *s, int lane
 }
 
 /* Puts the columns of a sample, over its deviation. */
-static LEDPI_INLINE void put_sample(const Weighing *w, const Samples *s, int lane, const Shown *shown, float *columns, Met *met) {
+static LEDPI_INLINE void put_sample(const Weighing *w, const Samples *s, int lane, const Shown *shown, float *columns, CellOverlap *overlap) {
     const float less = 1.0f / shown->deviation, weight = s->weight[lane] * less;
     const ptrdiff_t gain = !w->asked->compared;
     for (int k = 0; k < DENSE; k++) columns[k] = less * s->by[k][lane];
     columns[RESIDUAL] = weight * shown->left, columns[LEVEL] = weight * shown->level, columns[PHASE + 1] = 0.0f;
     if (gain) columns[DARK] = 0.0f; /* as fitted: what is beside the panel tells it, and no sample here is there */
-    for (int m = 0; m < met->count; m++) {
-        const float by_gain = weight * met->by[m][FREE - 1], light = by_gain * (float)w->fit.unknown[COMMON + OWN * met->cell[m]];
-        if (gain) met->by[m][0] = by_gain * (1.0f + met->by[m][0]);
-        for (ptrdiff_t p = 0; p < 2 * w->asked->waves; p++) met->by[m][gain + p] = light * shown->waves[p];
+    for (int m = 0; m < overlap->count; m++) {
+        const float by_gain = weight * overlap->by[m][FREE - 1], light = by_gain * (float)w->fit.unknown[COMMON + OWN * overlap->cell[m]];
+        if (gain) overlap->by[m][0] = by_gain * (1.0f + overlap->by[m][0]);
+        for (ptrdiff_t p = 0; p < 2 * w->asked->waves; p++) overlap->by[m][gain + p] = light * shown->waves[p];
     }
-    met->shown *= weight;
+    overlap->shown *= weight;
 }
 
 /* Puts the samples of the grid that are within the panel and tell something. */
@@ -115,15 +115,15 @@ static LEDPI_SIMD void put_samples(const Weighing *w, Work *work, Sums *sums) {
             ledpi_panel_sample_at(fit, work, &profile, i, j, &s);
             for (int lane = 0; lane < LEDPI_WIDTH && i + lane < fit->lines; lane++) {
                 const ptrdiff_t x = i + lane, at = j * fit->lines + x;
-                Met *const met = &sums->met[j][x];
-                met->count = 0, sums->left[j][x] = sums->root[j][x] = w->asked->light[at] = w->asked->tells[at] = 0.0f;
+                CellOverlap *const overlap = &sums->overlap[j][x];
+                overlap->count = 0, sums->left[j][x] = sums->root[j][x] = w->asked->light[at] = w->asked->valid[at] = 0.0f;
                 memset(sums->columns[j][x], 0, sizeof **sums->columns);
-                if (!s.tells[lane] || !(s.outside[lane] < 0.5f)) continue;
-                const float bands = put_met(w, &s, lane, across, &work->grid[1][j], met);
+                if (!s.valid[lane] || !(s.outside[lane] < 0.5f)) continue;
+                const float bands = fill_overlap(w, &s, lane, across, &work->grid[1][j], overlap);
                 const Shown shown = shown_at(w, &s, lane, bands, at);
-                if (w->asked->mean_light && !(w->asked->mean_count[at] > 0.0f)) met->count = 0;
-                if (!met->count) continue;
-                put_sample(w, &s, lane, &shown, sums->columns[j][x], met);
+                if (w->asked->mean_light && !(w->asked->mean_count[at] > 0.0f)) overlap->count = 0;
+                if (!overlap->count) continue;
+                put_sample(w, &s, lane, &shown, sums->columns[j][x], overlap);
                 sums->root[j][x] = s.weight[lane] / shown.deviation;
                 sums->left[j][x] = w->asked->mean_light ? sums->columns[j][x][RESIDUAL] : s.by[RESIDUAL][lane];
                 sums->samples++;
@@ -143,21 +143,21 @@ static LEDPI_SIMD void take_shared_off(const Weighing *w, ptrdiff_t across, ptrd
     double shown2 = 0.0, with_left = 0.0;
     for (ptrdiff_t j = down; j < w->fit.lines; j += w->each)
         for (ptrdiff_t i = across; i < w->fit.lines; i += w->each) {
-            if (!sums->met[j][i].count) continue;
-            const double shown = sums->met[j][i].shown;
+            if (!sums->overlap[j][i].count) continue;
+            const double shown = sums->overlap[j][i].shown;
             shown2 += shown * shown, with_left += shown * sums->left[j][i];
         }
     for (ptrdiff_t j = down; j < w->fit.lines; j += w->each)
         for (ptrdiff_t i = across; i < w->fit.lines; i += w->each)
-            if (sums->met[j][i].count) sums->left[j][i] -= (float)(with_left / fmax(shown2, 1e-12)) * sums->met[j][i].shown;
+            if (sums->overlap[j][i].count) sums->left[j][i] -= (float)(with_left / fmax(shown2, 1e-12)) * sums->overlap[j][i].shown;
 }
 
 static LEDPI_INLINE void weigh(float root, ptrdiff_t j, ptrdiff_t i, Sums *sums) {
-    Met *const met = &sums->met[j][i];
+    CellOverlap *const overlap = &sums->overlap[j][i];
     for (int k = 0; k < DENSE; k++) sums->columns[j][i][k] *= root;
-    for (int m = 0; m < met->count; m++)
-        for (int k = 0; k < FREE; k++) met->by[m][k] *= root;
-    met->shown *= root, sums->left[j][i] *= root, sums->root[j][i] *= root;
+    for (int m = 0; m < overlap->count; m++)
+        for (int k = 0; k < FREE; k++) overlap->by[m][k] *= root;
+    overlap->shown *= root, sums->left[j][i] *= root, sums->root[j][i] *= root;
 }
 
 /* Weighs each place of a cell by what the fit, and what cells share, leave there and around it in all cells: they are less alike
@@ -168,7 +168,7 @@ static LEDPI_SIMD void weigh_places(const Weighing *w, Sums *sums) {
     float root[MOST_EACH][MOST_EACH];
     for (ptrdiff_t j = 0; j < lines; j++)
         for (ptrdiff_t i = 0; i < lines; i++) {
-            if (!sums->met[j][i].count) continue;
+            if (!sums->overlap[j][i].count) continue;
             const double square = sums->left[j][i] * sums->left[j][i];
             left2[1 + j % each][1 + i % each] += square, count[1 + j % each][1 + i % each] += 1.0, all2 += square;
         }
@@ -192,7 +192,7 @@ static LEDPI_SIMD double weigh_blocks(const Weighing *w, Work *work, Sums *sums)
     for (ptrdiff_t j = 0; j < lines; j++)
         for (ptrdiff_t i = 0; i < lines; i++) {
             const ptrdiff_t block = work->block[j][i];
-            if (!sums->met[j][i].count) continue;
+            if (!sums->overlap[j][i].count) continue;
             work->squares[block] += sums->left[j][i] * sums->left[j][i], work->count[block] += 1.0;
         }
     for (ptrdiff_t b = 0; b < MOST_BLOCKS; b++) work->weight[b] = 1.0;
@@ -200,7 +200,7 @@ static LEDPI_SIMD double weigh_blocks(const Weighing *w, Work *work, Sums *sums)
     for (ptrdiff_t j = 0; j < lines; j++)
         for (ptrdiff_t i = 0; i < lines; i++) {
             weigh((float)sqrt(work->weight[work->block[j][i]]), j, i, sums);
-            if (sums->met[j][i].count) left2 += sums->left[j][i] * sums->left[j][i];
+            if (sums->overlap[j][i].count) left2 += sums->left[j][i] * sums->left[j][i];
         }
     return left2 / fmax((double)sums->samples, 1.0);
 }
@@ -210,12 +210,12 @@ static LEDPI_INLINE void add_columns(float factor, const float *columns, const i
     for (int column = 0; column < count; column += LEDPI_WIDTH) *(Floats *)(to + column) += factor * *(const Floats *)(columns + column);
 }
 
-static LEDPI_INLINE void add_met(const Weighing *w, const Met *met, const float *columns, Sums *sums) {
-    for (int i = 0; i < met->count; i++)
+static LEDPI_INLINE void add_overlap(const Weighing *w, const CellOverlap *overlap, const float *columns, Sums *sums) {
+    for (int i = 0; i < overlap->count; i++)
         for (ptrdiff_t k = 0; k < w->free; k++) {
-            const ptrdiff_t row = met->cell[i] * w->free + k;
-            add_columns(met->by[i][k], columns, DENSE, sums->mixed[row]);
-            for (int j = 0; j < met->count; j++) add_columns(met->by[i][k], met->by[j], PADDED, sums->own[row][met->cell[j]]);
+            const ptrdiff_t row = overlap->cell[i] * w->free + k;
+            add_columns(overlap->by[i][k], columns, DENSE, sums->mixed[row]);
+            for (int j = 0; j < overlap->count; j++) add_columns(overlap->by[i][k], overlap->by[j], PADDED, sums->own[row][overlap->cell[j]]);
         }
 }
 
@@ -225,12 +225,12 @@ static LEDPI_SIMD void put_shared(const Weighing *w, ptrdiff_t across, ptrdiff_t
     memset(shared, 0, sizeof *shared * (size_t)w->width);
     for (ptrdiff_t j = down; j < w->fit.lines; j += w->each)
         for (ptrdiff_t i = across; i < w->fit.lines; i += w->each) {
-            const Met *const met = &sums->met[j][i];
-            if (!met->count) continue;
-            shown2 += met->shown * met->shown;
-            add_columns(met->shown, sums->columns[j][i], DENSE, shared);
-            for (int m = 0; m < met->count; m++)
-                for (ptrdiff_t k = 0; k < w->free; k++) shared[DENSE + met->cell[m] * w->free + k] += met->shown * met->by[m][k];
+            const CellOverlap *const overlap = &sums->overlap[j][i];
+            if (!overlap->count) continue;
+            shown2 += overlap->shown * overlap->shown;
+            add_columns(overlap->shown, sums->columns[j][i], DENSE, shared);
+            for (int m = 0; m < overlap->count; m++)
+                for (ptrdiff_t k = 0; k < w->free; k++) shared[DENSE + overlap->cell[m] * w->free + k] += overlap->shown * overlap->by[m][k];
         }
     if (!(shown2 > 0.0f)) return;
     const float norm = 1.0f / sqrtf(shown2);
@@ -245,7 +245,7 @@ static LEDPI_SIMD void sum_up(const Weighing *w, Sums *sums) {
     sums->places = 0;
     for (ptrdiff_t j = 0; j < w->fit.lines; j++) {
         ledpi_add_products(*sums->columns[j], w->fit.lines, DENSE, sums->common);
-        for (ptrdiff_t i = 0; i < w->fit.lines; i++) add_met(w, &sums->met[j][i], sums->columns[j][i], sums);
+        for (ptrdiff_t i = 0; i < w->fit.lines; i++) add_overlap(w, &sums->overlap[j][i], sums->columns[j][i], sums);
     }
     if (!w->asked->compared) each_place(w, put_shared, sums);
     memset(sums->shared2, 0, sizeof *sums->shared2 * (size_t)(w->width * w->width));
@@ -310,12 +310,12 @@ static LEDPI_SIMD void put_left(const Weighing *w, Sums *sums) {
     for (ptrdiff_t e = 0; e < w->frees; e++) own[e] = (float)sums->solution[place_of(w, e)];
     for (ptrdiff_t j = 0; j < w->fit.lines; j++)
         for (ptrdiff_t i = 0; i < w->fit.lines; i++) {
-            const Met *const met = &sums->met[j][i];
-            if (!met->count) continue;
+            const CellOverlap *const overlap = &sums->overlap[j][i];
+            if (!overlap->count) continue;
             const float moved = product_of(by, sums->columns[j][i]);
             float left = sums->columns[j][i][RESIDUAL] - moved;
-            for (int m = 0; m < met->count; m++)
-                for (ptrdiff_t k = 0; k < w->free; k++) left -= met->by[m][k] * own[met->cell[m] * w->free + k];
+            for (int m = 0; m < overlap->count; m++)
+                for (ptrdiff_t k = 0; k < w->free; k++) left -= overlap->by[m][k] * own[overlap->cell[m] * w->free + k];
             sums->left[j][i] = left;
             if (w->asked->compared) w->asked->light[j * w->fit.lines + i] -= moved / sums->root[j][i];
         }

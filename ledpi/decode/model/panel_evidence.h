@@ -17,14 +17,14 @@ typedef struct {
     int count;
     ptrdiff_t cell[4];
     float by[4][PADDED], shown;
-} Met;
+} CellOverlap;
 
 /* Sums over the grid: products of the samples' columns (COMMON, residual, padding) and the cells' FREE; and, at each place of a
  * cell, of what is shown there times all of these, over its norm: what their products explain is `shared2`. All samples are
  * over their deviation, as `root` says; `share`: what of each its cell's FREE take. */
 typedef struct {
     float columns[LINES][LINES][DENSE], left[LINES][LINES], root[LINES][LINES], share[LINES][LINES][FREE];
-    Met met[LINES][LINES];
+    CellOverlap overlap[LINES][LINES];
     float common[DENSE * DENSE], mixed[MOST_FREE][DENSE], own[MOST_FREE][MOST_CELLS * MOST_CELLS][PADDED];
     float shared[MOST_EACH * MOST_EACH * MOST_SUMS], shared2[MOST_SUMS * MOST_SUMS];
     double matrix[MOST_SUMS * (MOST_SUMS + 1)], solution[MOST_SUMS];

@@ -13,7 +13,7 @@
 ptrdiff_t ledpi_panel_room(void) { return (ptrdiff_t)sizeof(Work); }
 
 /* Early stop, as foreseen: a step leaves too much, or corners are too uncertain after one more like it; else it will do. */
-static int outlook(Fitting *fit, const double h[9], Work *work) {
+static int early_stop(Fitting *fit, const double h[9], Work *work) {
     const double kept = fmax(0.0, 1.0 - work->decrease);
     if ((1.0 - fit->explained) * kept > fit->asked->most_left) return LEDPI_MISFIT;
     if (!isfinite(fit->asked->most_sigma)) return LEDPI_FITTED;
@@ -114,7 +114,7 @@ static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
         keep_start(fit, work, &start);
         if (!ledpi_panel_solve_step(fit, true, work)) return LEDPI_DIVERGED;
         if (last) return LEDPI_FITTED;
-        const int foreseen = round ? outlook(fit, h, work) : LEDPI_FITTED;
+        const int foreseen = round ? early_stop(fit, h, work) : LEDPI_FITTED;
         const double moved = ledpi_panel_take_step(fit, h, work);
         if (!(moved < 1e3)) return LEDPI_DIVERGED;
         const bool near = moved < NEAR && work->decrease < WEIGHED_SHARE;

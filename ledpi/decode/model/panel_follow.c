@@ -113,7 +113,7 @@ LEDPI_SIMD void ledpi_panel_picture(const PanelFit *fitted, const double *shares
             const Lines *const across = work->across + i / LEDPI_WIDTH;
             ledpi_panel_sample_at(&fit, work, &profile, i, j, &s);
             for (int lane = 0; lane < LEDPI_WIDTH && i + lane < p->lines; lane++) {
-                if (!s.tells[lane]) continue;
+                if (!s.valid[lane]) continue;
                 const ptrdiff_t block = work->block[j][i + lane];
                 const double left = put_sample(&fit, &s, lane, across, &work->grid[1][j], shares, j * p->width + i + lane, p);
                 work->squares[block] += left * left, work->count[block] += 1.0;
@@ -142,8 +142,8 @@ static double look(const PanelPicture *p, const Fitting *fit, const double h[9],
         ledpi_panel_look(&fit->panel, &fit->view, numbers, p->along + at % p->width, p->along[at / p->width], &s);
         for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
             const float weight = p->weight[at + lane];
-            all += weight * weight, lost += s.tells[lane] ? 0.0 : weight * weight;
-            frame->left[at + lane] = s.tells[lane] ? weight * s.seen[lane] - p->light[at + lane] : 0.0f;
+            all += weight * weight, lost += s.valid[lane] ? 0.0 : weight * weight;
+            frame->left[at + lane] = s.valid[lane] ? weight * s.seen[lane] - p->light[at + lane] : 0.0f;
             frame->rows[at + lane] = s.row[lane];
         }
     }

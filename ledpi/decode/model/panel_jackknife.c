@@ -49,7 +49,7 @@ static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdi
     ledpi_panel_put_owns(s, &owns);
     for (int lane = 0; lane < lanes; lane++) {
         Owned met[4];
-        if (!s->tells[lane]) continue;
+        if (!s->valid[lane]) continue;
         Coordinates by = {0};
         for (int k = 0; k < COMMON; k++) by += s->by[k][lane] * out->influence[fit->owns + k];
         const int count = ledpi_panel_met(&owns, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);

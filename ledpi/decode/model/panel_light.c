@@ -181,10 +181,10 @@ static LEDPI_INLINE void put_seen(const Panel *panel, const View *view, Floats x
     for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
         float most;
         const float seen = view->cubic ? cubic_light(view, x[lane], y[lane], &most) : linear_light(view, x[lane], y[lane], &most);
-        s->tells[lane] = x[lane] >= 0.0f && y[lane] >= 0.0f && x[lane] <= (float)(view->columns - 1) &&
+        s->valid[lane] = x[lane] >= 0.0f && y[lane] >= 0.0f && x[lane] <= (float)(view->columns - 1) &&
                          y[lane] <= (float)(view->rows - 1) && most < (float)view->saturated;
         s->seen[lane] = (seen - (float)panel->dark) * (float)panel->scale;
-        s->row[lane] = s->tells[lane] ? s->row[lane] : 0.0f; /* it may be no number */
+        s->row[lane] = s->valid[lane] ? s->row[lane] : 0.0f; /* it may be no number */
     }
 }
 

@@ -26,12 +26,12 @@ static void put_root(const Weighing *w, const Sums *sums, ptrdiff_t cell, double
 }
 
 /* Puts what a cell's own FREE take of a sample: of two samples they share the product. */
-static void put_share(const Weighing *w, const Met *met, ptrdiff_t cell, double root[FREE][FREE], float share[FREE]) {
+static void put_share(const Weighing *w, const CellOverlap *overlap, ptrdiff_t cell, double root[FREE][FREE], float share[FREE]) {
     memset(share, 0, FREE * sizeof *share);
-    for (int m = 0; m < met->count; m++) {
-        if (met->cell[m] != cell) continue;
+    for (int m = 0; m < overlap->count; m++) {
+        if (overlap->cell[m] != cell) continue;
         for (ptrdiff_t k = 0; k < w->free; k++) {
-            double left = met->by[m][k];
+            double left = overlap->by[m][k];
             for (ptrdiff_t j = 0; j < k; j++) left -= root[k][j] * share[j];
             share[k] = (float)(left / root[k][k]);
         }
@@ -45,7 +45,7 @@ static void put_shares(const Weighing *w, Sums *sums) {
         put_root(w, sums, cell, root);
         for (ptrdiff_t j = cell / n * each; j < (cell / n + 1) * each; j++)
             for (ptrdiff_t i = cell % n * each; i < (cell % n + 1) * each; i++)
-                put_share(w, &sums->met[j][i], cell, root, sums->share[j][i]);
+                put_share(w, &sums->overlap[j][i], cell, root, sums->share[j][i]);
     }
 }
 
@@ -64,7 +64,7 @@ static LEDPI_SIMD Pair pair_of(const Weighing *w, const Sums *sums, ptrdiff_t as
         for (ptrdiff_t i = aside > 0 ? aside : 0; i < lines + (aside < 0 ? aside : 0); i++) {
             const ptrdiff_t above = j - below, left = i - aside;
             const bool same_cell = j / each == above / each && i / each == left / each;
-            if (!sums->met[j][i].count || !sums->met[above][left].count || !(same_cell || even)) continue;
+            if (!sums->overlap[j][i].count || !sums->overlap[above][left].count || !(same_cell || even)) continue;
             sum.left += (double)sums->left[j][i] * sums->left[above][left], count += 1.0;
             if (!same_cell) continue;
             for (int k = 0; k < FREE; k++) sum.shared += (double)sums->share[j][i][k] * sums->share[above][left][k];

@@ -129,19 +129,19 @@ static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdi
                                      const int16_t *blocks, float *columns, Work *work) {
     const ptrdiff_t cells = fit->panel.cells, lanes = fit->lines - first < LEDPI_WIDTH ? fit->lines - first : LEDPI_WIDTH;
     Floats root = {0};
-    Ints tells = {0};
+    Ints valid = {0};
     for (int lane = 0; lane < lanes; lane++) {
-        if (!s->tells[lane]) continue;
+        if (!s->valid[lane]) continue;
         const double left = s->by[RESIDUAL][lane], trust = work->weight[blocks[lane]], weight = trust * s->weight[lane] * s->weight[lane];
         work->squares[blocks[lane]] += left * left, work->sum[blocks[lane]] += left, work->count[blocks[lane]] += 1.0;
         work->used += weight, work->sampled++;
         if (s->outside[lane] < 0.5f) work->left += trust * left * left, work->inside += weight, work->samples++;
         work->light += weight * s->seen[lane], work->light2 += weight * s->seen[lane] * s->seen[lane];
-        root[lane] = trust < 1.0 ? sqrtf((float)trust) : 1.0f, tells[lane] = -1;
+        root[lane] = trust < 1.0 ? sqrtf((float)trust) : 1.0f, valid[lane] = -1;
     }
     for (int from = 0; from < DENSE && !phasing; from += LEDPI_WIDTH) {
         Floats part[LEDPI_WIDTH];
-        for (int k = 0; k < LEDPI_WIDTH; k++) part[k] = (Floats)((Ints)(root * s->by[from + k]) & tells); /* it may be no number elsewhere */
+        for (int k = 0; k < LEDPI_WIDTH; k++) part[k] = (Floats)((Ints)(root * s->by[from + k]) & valid); /* it may be no number elsewhere */
         ledpi_transpose(part);
         for (int lane = 0; lane < LEDPI_WIDTH; lane++) *(Floats *)(columns + lane * DENSE + from) = part[lane];
     }
@@ -149,7 +149,7 @@ static LEDPI_INLINE void add_samples(const Fitting *fit, const Samples *s, ptrdi
     ledpi_panel_put_owns(s, &owns);
     for (int lane = 0; lane < lanes; lane++) {
         Owned met[4];
-        if (!s->tells[lane]) continue;
+        if (!s->valid[lane]) continue;
         const int cells_met = ledpi_panel_met(&owns, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
         if (!phasing)
             add_own(&work->products, fit->own, met, cells_met, root[lane], columns + lane * DENSE);

@@ -67,7 +67,7 @@ class PanelPicture:
         assert quad.lattice_px is not None
         cells = math.isqrt(len(shares))
         pitch_px = pitch_px_of(quad.lattice_px / window.shrink, cells)
-        lines = grid(cells, round(min(pitch_px), 1), roughly=False)
+        lines = grid(cells, round(min(pitch_px), 1), coarse=False)
         if len(lines) > MOST_LINES:
             return None
         across, down = (round(max(1.0, min(len(lines) / cells, pitch)), 1) for pitch in pitch_px)

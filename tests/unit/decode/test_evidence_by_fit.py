@@ -17,7 +17,7 @@ from ledpi.core.shutter import fundamental_amplitude
 from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
-from ledpi.decode.model.fit import Effort, Fitted, Fitter
+from ledpi.decode.model.fit import FitOptions, Fitted, Fitter
 from ledpi.decode.model.light import Window
 from ledpi.workshop.evaluate.scoring import PanelReader
 from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, panel_settings, word
@@ -26,7 +26,7 @@ from tests.builders.model import Panel, projected, window_of
 NOISE = 0.02
 LATER_S = 0.0077
 LATER = tuple((phase + hz * LATER_S) % 1.0 for phase, hz in zip(PHASES, SPEC.waves_hz, strict=True))
-FINELY = Effort(rounds=10, reweightings=2, faint=True)
+FINELY = FitOptions(rounds=10, reweightings=2, faint=True)
 ANTIPHASE = replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
 
 

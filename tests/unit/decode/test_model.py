@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Floats
-from ledpi.decode.model.fit import Effort, Fitted, Fitter
+from ledpi.decode.model.fit import FitOptions, Fitted, Fitter
 from ledpi.decode.model.light import Window
 from ledpi.decode.model.prior import (
     BESIDE,
@@ -28,7 +28,7 @@ from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, Canvas, reason, s
 from tests.builders.model import Panel, nees, places_of, projected, window_of
 
 FITTER = Fitter(4, None)
-WHOLE, ONE_STEP = Effort(rounds=10, reweightings=2), Effort(rounds=1, phasing=False)
+WHOLE, ONE_STEP = FitOptions(rounds=10, reweightings=2), FitOptions(rounds=1, phasing=False)
 TRUE = square(80.3, 80.6, 100, 12)
 ASIDE = projected(40.0)  # and seen from 60° aside
 OBLIQUE = np.array([[40.3, 20.6], [111.7, 32.2], [112.1, 127.4], [39.8, 141.9]])
@@ -37,8 +37,10 @@ EXPOSURES_US = (TRUE_10_MS_US, 600.0, 150.0)
 HIDDEN = 0.06  # of a cell, as in decode/model/panel_corners.c
 
 
-def fitted(panel: Panel, window: Window, near: Floats, effort: Effort = WHOLE, known: Floats | None = None) -> Fitted:
-    fit = FITTER.fit(panel.frame(), window, near, SPEC, effort, known)
+def fitted(
+    panel: Panel, window: Window, near: Floats, options: FitOptions = WHOLE, known: Floats | None = None
+) -> Fitted:
+    fit = FITTER.fit(panel.frame(), window, near, SPEC, options, known)
     assert isinstance(fit, Fitted), reason(fit)
     return fit
 
@@ -47,7 +49,7 @@ def fitted(panel: Panel, window: Window, near: Floats, effort: Effort = WHOLE, k
 def test_corners_are_where_the_equation_has_them(corners: Floats) -> None:
     """From a pixel off, at 10 ms: to a thirtieth of a pixel, which is what interpolating between pixels costs."""
     panel = Panel(corners=corners)
-    fit = fitted(panel, window_of(panel.light()), corners + OFF_PX, Effort(rounds=24, tolerance=1e-4))
+    fit = fitted(panel, window_of(panel.light()), corners + OFF_PX, FitOptions(rounds=24, tolerance=1e-4))
     assert np.abs(fit.lattice_px - corners).max() < 1 / 30
     assert fit.explained > 0.99
 
@@ -146,7 +148,7 @@ def solved(request: pytest.FixtureRequest) -> Solved:
     gains = np.random.default_rng(2).uniform(0.8, 1.2, (4, 4))
     panel = Panel(corners=TRUE, exposure_us=request.param, gains=gains, beside=(0.1, 0.2, 0.05, 0.15), depth=0.06)
     window = window_of(panel.light())
-    best = fitted(panel, window, TRUE, Effort(rounds=40))
+    best = fitted(panel, window, TRUE, FitOptions(rounds=40))
     return panel, window, best, fitted(panel, window, best.lattice_px, ONE_STEP, best.unknown)
 
 
@@ -188,7 +190,7 @@ def test_more_rounds_leave_no_more(seed: int) -> None:
     lit = {"dark": rng.uniform(0.0, 0.4), "hot": rng.uniform(0.0, 0.5), "gains": rng.uniform(0.8, 1.2, (4, 4))}
     panel = Panel(corners=corners, leds=3, glow=0.8, beside=(0.1, 0.3, 0.5, 0.2), **look, **lit)
     window = window_of(panel.light(), noise=0.01)
-    left = [1.0 - fitted(panel, window, corners, Effort(rounds=rounds)).explained for rounds in (2, 4, 6, 10, 14)]
+    left = [1.0 - fitted(panel, window, corners, FitOptions(rounds=rounds)).explained for rounds in (2, 4, 6, 10, 14)]
     assert (left / np.minimum.accumulate(left)).max() < 1.25  # each step may leave a tenth more: samples move, too
 
 
@@ -243,7 +245,7 @@ def test_no_cell_of_a_small_panel_tells_its_size_alone(noise_of: int) -> None:
         panel,
         window_of(panel.light(), noise=0.01, seed=noise_of),
         corners + 0.2,
-        Effort(rounds=10, reweightings=2, faint=True),
+        FitOptions(rounds=10, reweightings=2, faint=True),
     )
     outward = (corners - corners.mean(axis=0)).reshape(8) / np.linalg.norm(corners - corners.mean(axis=0), axis=1).sum()
     assert np.sqrt(outward @ fit.jackknife_px2 @ outward) < 0.1
@@ -266,8 +268,8 @@ def test_the_gauge_between_profile_and_corners_widens_the_covariance_along_a_shi
     panel, along = Panel(corners=corners), np.tile(corners[1] - corners[0], 4) / (4 * side)
 
     def sigma_px(*, even: bool) -> float:
-        effort = Effort(rounds=10, reweightings=2, even=even)
-        fit = fitted(panel, window_of(panel.light(), noise=noise), corners + 0.2, effort)
+        options = FitOptions(rounds=10, reweightings=2, even=even)
+        fit = fitted(panel, window_of(panel.light(), noise=noise), corners + 0.2, options)
         return float(np.sqrt(along @ fit.covariance_px2 @ along))
 
     assert sigma_px(even=False) > 2.0 * sigma_px(even=True)
@@ -279,9 +281,9 @@ def test_a_steady_square_is_without_bands(exposure_us: float, blinks: bool) -> N
     """And a panel is not, be its bands 8 % deep."""
     panel = Panel(corners=TRUE, exposure_us=exposure_us, blinks=blinks)
     window = window_of(panel.light(), noise=0.02)
-    first = fitted(panel, window, TRUE + 0.5, Effort(rounds=8, phasing=False))
-    effort = Effort(rounds=10, must_blink=True)
-    then = FITTER.fit(panel.frame(), window, first.lattice_px, SPEC, effort, first.unknown)
+    first = fitted(panel, window, TRUE + 0.5, FitOptions(rounds=8, phasing=False))
+    options = FitOptions(rounds=10, must_blink=True)
+    then = FITTER.fit(panel.frame(), window, first.lattice_px, SPEC, options, first.unknown)
     assert isinstance(then, Fitted) if blinks else reason(then) == "fit.no_bands"
 
 
@@ -295,7 +297,7 @@ def test_deviations_do_not_jump_where_a_side_begins_to_be_taken_for_hidden(side:
 
     def deviation_px(rim: float) -> float:
         unknown[RIM + side] = rim
-        fit = fitted(panel, window, TRUE, Effort(rounds=0, phasing=False), unknown)
+        fit = fitted(panel, window, TRUE, FitOptions(rounds=0, phasing=False), unknown)
         return float(np.sqrt(np.trace(fit.covariance_px2) / 8))
 
     before, after = deviation_px(HIDDEN - 1e-3), deviation_px(HIDDEN + 1e-3)
