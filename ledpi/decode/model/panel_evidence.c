@@ -221,7 +221,9 @@ static LEDPI_INLINE void add_overlap(const Weighing *w, const CellOverlap *overl
 
 /* Puts what the one value explains that cells share at a place of theirs, `across` and `down`. */
 static LEDPI_SIMD void put_shared(const Weighing *w, ptrdiff_t across, ptrdiff_t down, Sums *sums) {
-    float *const shared = sums->shared + sums->places * w->width, shown2 = 0.0f;
+    const ptrdiff_t place = down * w->each + across;
+    float *const shared = sums->shared + place * w->width, shown2 = 0.0f;
+    sums->norm[place] = 0.0f;
     memset(shared, 0, sizeof *shared * (size_t)w->width);
     for (ptrdiff_t j = down; j < w->fit.lines; j += w->each)
         for (ptrdiff_t i = across; i < w->fit.lines; i += w->each) {
@@ -233,7 +235,7 @@ static LEDPI_SIMD void put_shared(const Weighing *w, ptrdiff_t across, ptrdiff_t
                 for (ptrdiff_t k = 0; k < w->free; k++) shared[DENSE + overlap->cell[m] * w->free + k] += overlap->shown * overlap->by[m][k];
         }
     if (!(shown2 > 0.0f)) return;
-    const float norm = 1.0f / sqrtf(shown2);
+    const float norm = sums->norm[place] = 1.0f / sqrtf(shown2);
     for (ptrdiff_t k = 0; k < w->width; k++) shared[k] *= norm;
     sums->places++;
 }
@@ -249,14 +251,7 @@ static LEDPI_SIMD void sum_up(const Weighing *w, Sums *sums) {
     }
     if (!w->asked->compared) each_place(w, put_shared, sums);
     memset(sums->shared2, 0, sizeof *sums->shared2 * (size_t)(w->width * w->width));
-    ledpi_add_products(sums->shared, sums->places, w->width, sums->shared2);
-}
-
-/* Index of one of all cells' FREE in the matrix: after COMMON the gains, then the bands, cell by cell. */
-static ptrdiff_t place_of(const Weighing *w, ptrdiff_t one) {
-    const ptrdiff_t cell = one / w->free, k = one % w->free;
-    if (w->asked->compared) return COMMON + one;
-    return COMMON + (k ? w->frees / w->free + (w->free - 1) * cell + k - 1 : cell);
+    if (!w->asked->compared) ledpi_add_products(sums->shared, w->each * w->each, w->width, sums->shared2);
 }
 
 /* Adds what is known of an unknown beforehand, in units of the variance. Returns by how many squares the fit is off that. */
@@ -280,14 +275,14 @@ static double put_matrix(const Weighing *w, Sums *sums, double variance) {
     for (ptrdiff_t i = 0; i < COMMON; i++) {
         const float *const common = sums->common + i * DENSE, *const shared2 = sums->shared2 + i * width;
         for (ptrdiff_t j = i; j < COMMON; j++) matrix[i * stride + j] = common[j] - shared2[j];
-        for (ptrdiff_t e = 0; e < frees; e++) matrix[i * stride + place_of(w, e)] = sums->mixed[e][i] - shared2[DENSE + e];
+        for (ptrdiff_t e = 0; e < frees; e++) matrix[i * stride + ledpi_place_of(w, e)] = sums->mixed[e][i] - shared2[DENSE + e];
         matrix[i * stride + size] = common[RESIDUAL] - shared2[RESIDUAL];
         if (i != LEVEL && i != PHASE + 1) squares += add_prior(w, i, variance, i, matrix, &sums->fitted);
     }
     for (ptrdiff_t e = 0; e < frees; e++) {
-        const ptrdiff_t at = place_of(w, e);
+        const ptrdiff_t at = ledpi_place_of(w, e);
         for (ptrdiff_t f = e; f < frees; f++) {
-            const ptrdiff_t to = place_of(w, f), row = at < to ? at : to, column = at < to ? to : at;
+            const ptrdiff_t to = ledpi_place_of(w, f), row = at < to ? at : to, column = at < to ? to : at;
             matrix[row * stride + column] = sums->own[e][f / w->free][f % w->free] - sums->shared2[(DENSE + e) * width + DENSE + f];
         }
         matrix[at * stride + size] = sums->mixed[e][RESIDUAL] - sums->shared2[RESIDUAL * width + DENSE + e];
@@ -307,7 +302,7 @@ static LEDPI_INLINE float product_of(const float *a, const float *b) {
 static LEDPI_SIMD void put_left(const Weighing *w, Sums *sums) {
     float by[DENSE] = {0}, own[MOST_FREE];
     for (int k = 0; k < COMMON; k++) by[k] = (float)sums->solution[k];
-    for (ptrdiff_t e = 0; e < w->frees; e++) own[e] = (float)sums->solution[place_of(w, e)];
+    for (ptrdiff_t e = 0; e < w->frees; e++) own[e] = (float)sums->solution[ledpi_place_of(w, e)];
     for (ptrdiff_t j = 0; j < w->fit.lines; j++)
         for (ptrdiff_t i = 0; i < w->fit.lines; i++) {
             const CellOverlap *const overlap = &sums->overlap[j][i];

@@ -20,15 +20,15 @@ typedef struct {
 } CellOverlap;
 
 /* Sums over the grid: products of the samples' columns (COMMON, residual, padding) and the cells' FREE; and, at each place of a
- * cell, of what is shown there times all of these, over its norm: what their products explain is `shared2`. All samples are
- * over their deviation, as `root` says; `share`: what of each its cell's FREE take. */
+ * cell, of what is shown there times all of these, times `norm`, one over its norm: what their products explain is `shared2`. All
+ * samples are over their deviation, as `root` says. */
 typedef struct {
-    float columns[LINES][LINES][DENSE], left[LINES][LINES], root[LINES][LINES], share[LINES][LINES][FREE];
+    float columns[LINES][LINES][DENSE], left[LINES][LINES], root[LINES][LINES];
     CellOverlap overlap[LINES][LINES];
     float common[DENSE * DENSE], mixed[MOST_FREE][DENSE], own[MOST_FREE][MOST_CELLS * MOST_CELLS][PADDED];
-    float shared[MOST_EACH * MOST_EACH * MOST_SUMS], shared2[MOST_SUMS * MOST_SUMS];
+    float shared[MOST_EACH * MOST_EACH * MOST_SUMS], norm[MOST_EACH * MOST_EACH], shared2[MOST_SUMS * MOST_SUMS];
     double matrix[MOST_SUMS * (MOST_SUMS + 1)], solution[MOST_SUMS];
-    ptrdiff_t samples, places;
+    ptrdiff_t samples, places; /* samples that tell something, and places of a cell that have such */
     double fitted; /* number of unknowns that the samples decide, and not the prior */
 } Sums;
 
@@ -39,7 +39,15 @@ typedef struct {
                                          * these, padded */
 } Weighing;
 
-/* By how much bands meet more noise than if it were not alike in samples near each other (panel_noise.c). */
+/* Index of one of all cells' FREE in the matrix: after COMMON the gains, then the bands, cell by cell. */
+static inline ptrdiff_t ledpi_place_of(const Weighing *w, ptrdiff_t one) {
+    const ptrdiff_t cell = one / w->free, k = one % w->free;
+    if (w->asked->compared) return COMMON + one;
+    return COMMON + (k ? w->frees / w->free + (w->free - 1) * cell + k - 1 : cell);
+}
+
+/* By how much bands meet more noise than if it were not alike in samples near each other (panel_noise.c). Takes the matrix
+ * as the unknowns were eliminated from it, and its right side. */
 double ledpi_noise_inflation(const Weighing *w, Sums *sums);
 
 #endif

@@ -1,9 +1,9 @@
 /* Correlation of noise in samples near each other: by interpolation, and as a camera's processor leaves it.
  *
- * Bands are coarse, so they meet the sum R of the noise's autocorrelation r(l) over all lags l, not r(0) alone. A fit takes
- * some of white noise with it: of two samples the product of their residuals is r(l) less what their unknowns share, P(l).
- * A cell's own unknowns share no more than its own samples, and P is known; those of the whole panel, which are few, share
- * alike. */
+ * Bands are coarse, so they meet the sum R of the noise's autocorrelation r(l) over all lags l, not r(0) alone. The fit takes
+ * some of white noise with it: of two samples the product of their residuals is r(l) less aᵀN⁻¹b of their slopes, N being
+ * the normal equations' matrix. Without that a panel of ten pixels, with a hundred unknowns for as many samples, seems to have
+ * noise that is alike, or that is not, wherever the fit puts what it leaves. */
 #include <math.h>
 #include <string.h>
 
@@ -12,80 +12,92 @@
 
 /* Pixels: noise that is further apart is not alike in any picture; what is alike there is light that was not explained. */
 static const double FURTHEST_PX = 2.0;
+/* Pixels a sample by cubics stands for, along a line: it has 57/70 (the integral of Catmull and Rom's cubic squared) of a pixel's
+ * noise, and samples that are closer tell no more than the pixels do. */
+static const double CUBIC = 70.0 / 57.0;
+/* Samples by which it is known what the fit takes of pairs: all of a small panel, and as many of a large one. */
+enum { REFERENCES = 144, MOST_LAGS = 2 * MOST_EACH * MOST_EACH };
 
-/* A triangular root of the normal equations of a cell's own FREE. */
-static void put_root(const Weighing *w, const Sums *sums, ptrdiff_t cell, double root[FREE][FREE]) {
-    double trace = 0.0;
-    for (ptrdiff_t i = 0; i < w->free; i++) trace += sums->own[cell * w->free + i][cell][i];
-    for (ptrdiff_t i = 0; i < w->free; i++)
-        for (ptrdiff_t j = 0; j <= i; j++) {
-            double left = sums->own[cell * w->free + i][cell][j] + (i == j ? LEDPI_RIDGE * trace / (double)w->free + 1e-12 : 0.0);
-            for (ptrdiff_t k = 0; k < j; k++) left -= root[i][k] * root[j][k];
-            root[i][j] = i == j ? sqrt(fmax(left, 1e-12)) : left / root[j][j];
-        }
-}
-
-/* Puts what a cell's own FREE take of a sample: of two samples they share the product. */
-static void put_share(const Weighing *w, const CellOverlap *overlap, ptrdiff_t cell, double root[FREE][FREE], float share[FREE]) {
-    memset(share, 0, FREE * sizeof *share);
-    for (int m = 0; m < overlap->count; m++) {
-        if (overlap->cell[m] != cell) continue;
-        for (ptrdiff_t k = 0; k < w->free; k++) {
-            double left = overlap->by[m][k];
-            for (ptrdiff_t j = 0; j < k; j++) left -= root[k][j] * share[j];
-            share[k] = (float)(left / root[k][k]);
-        }
-    }
-}
-
-static void put_shares(const Weighing *w, Sums *sums) {
-    const ptrdiff_t n = w->fit.panel.cells, each = w->each;
-    for (ptrdiff_t cell = 0; cell < n * n; cell++) {
-        double root[FREE][FREE];
-        put_root(w, sums, cell, root);
-        for (ptrdiff_t j = cell / n * each; j < (cell / n + 1) * each; j++)
-            for (ptrdiff_t i = cell % n * each; i < (cell % n + 1) * each; i++)
-                put_share(w, &sums->overlap[j][i], cell, root, sums->share[j][i]);
-    }
-}
-
-/* Means of two samples that are so many lines apart: the product of their residuals, and what their cell's own FREE share. */
+/* Pairs of samples that are so many lines apart: the sums of products of their residuals, and of what the fit takes. */
 typedef struct {
-    double left, shared;
-} Pair;
+    ptrdiff_t aside, below;
+    double left, pairs, taken, references;
+} Lag;
 
-static LEDPI_SIMD Pair pair_of(const Weighing *w, const Sums *sums, ptrdiff_t aside, ptrdiff_t below) {
-    const ptrdiff_t lines = w->fit.lines, each = w->each;
-    const double *const along = w->fit.along;
-    const bool even = along[each] - along[each - 1] < 1.01 * (along[1] - along[0]); /* across a border, too */
-    Pair sum = {0.0, 0.0};
-    double count = 0.0;
-    for (ptrdiff_t j = below; j < lines; j++)
-        for (ptrdiff_t i = aside > 0 ? aside : 0; i < lines + (aside < 0 ? aside : 0); i++) {
-            const ptrdiff_t above = j - below, left = i - aside;
-            const bool same_cell = j / each == above / each && i / each == left / each;
-            if (!sums->overlap[j][i].count || !sums->overlap[above][left].count || !(same_cell || even)) continue;
-            sum.left += (double)sums->left[j][i] * sums->left[above][left], count += 1.0;
-            if (!same_cell) continue;
-            for (int k = 0; k < FREE; k++) sum.shared += (double)sums->share[j][i][k] * sums->share[above][left][k];
+static ptrdiff_t put_lags(const Weighing *w, Lag *lags) {
+    const double *const step_px = w->asked->step_px;
+    const ptrdiff_t most_below = (ptrdiff_t)fmin(FURTHEST_PX / step_px[1], (double)(w->each - 1));
+    const ptrdiff_t most_aside = (ptrdiff_t)fmin(FURTHEST_PX / step_px[0], (double)(w->each - 1));
+    ptrdiff_t count = 0;
+    for (ptrdiff_t below = 0; below <= most_below; below++)
+        for (ptrdiff_t aside = below ? -most_aside : 0; aside <= most_aside; aside++)
+            if (ledpi_length((double)aside * step_px[0], (double)below * step_px[1]) <= FURTHEST_PX)
+                lags[count++] = (Lag){.aside = aside, .below = below};
+    return count;
+}
+
+/* Tells whether a sample and the one that is a lag before it tell noise; across a cell's border only where samples are even there. */
+static LEDPI_INLINE bool are_pair(const Weighing *w, const Sums *sums, ptrdiff_t j, ptrdiff_t i, const Lag *lag, bool even) {
+    const ptrdiff_t lines = w->fit.lines, each = w->each, above = j - lag->below, left = i - lag->aside;
+    if (above < 0 || left < 0 || left >= lines || !sums->overlap[j][i].count || !sums->overlap[above][left].count) return false;
+    return even || (j / each == above / each && i / each == left / each);
+}
+
+/* Puts the slopes (size) of a sample by all unknowns, less what the one value explains that cells share at its place. */
+static LEDPI_SIMD void put_slopes(const Weighing *w, const Sums *sums, ptrdiff_t j, ptrdiff_t i, double *slopes) {
+    const CellOverlap *const overlap = &sums->overlap[j][i];
+    const float *const shared = sums->shared + (j % w->each * w->each + i % w->each) * w->width;
+    const double shown = w->asked->compared ? 0.0 : overlap->shown * sums->norm[j % w->each * w->each + i % w->each];
+    for (ptrdiff_t k = 0; k < COMMON; k++) slopes[k] = sums->columns[j][i][k] - shown * shared[k];
+    for (ptrdiff_t e = 0; e < w->frees; e++) slopes[ledpi_place_of(w, e)] = -shown * shared[DENSE + e];
+    for (int m = 0; m < overlap->count; m++)
+        for (ptrdiff_t k = 0; k < w->free; k++) slopes[ledpi_place_of(w, overlap->cell[m] * w->free + k)] += overlap->by[m][k];
+}
+
+/* Puts N⁻¹a of slopes a, by the matrix that the unknowns are eliminated from, whose right side it takes. */
+static LEDPI_SIMD void put_solved(ptrdiff_t size, double *matrix, double *slopes, double *solved) {
+    for (ptrdiff_t k = 0; k < size; k++) {
+        double *const row = matrix + k * (size + 1);
+        const double factor = slopes[k] / row[k];
+        row[size] = slopes[k];
+        for (ptrdiff_t m = k + 1; m < size; m++) slopes[m] -= factor * row[m];
+    }
+    ledpi_solve(matrix, size, solved);
+}
+
+static void add_taken(const Weighing *w, Sums *sums, bool even, ptrdiff_t count, Lag *lags) {
+    const ptrdiff_t lines = w->fit.lines, size = COMMON + w->frees, every = (lines * lines - 1) / REFERENCES + 1;
+    double slopes[MOST_SUMS], solved[MOST_SUMS];
+    for (ptrdiff_t j = 0; j < lines; j++)
+        for (ptrdiff_t i = 0; i < lines; i++) {
+            if ((i + 5 * j) % every || !sums->overlap[j][i].count) continue;
+            put_slopes(w, sums, j, i, slopes);
+            put_solved(size, sums->matrix, slopes, solved);
+            for (Lag *lag = lags; lag < lags + count; lag++) {
+                if (!are_pair(w, sums, j, i, lag, even)) continue;
+                put_slopes(w, sums, j - lag->below, i - lag->aside, slopes);
+                for (ptrdiff_t k = 0; k < size; k++) lag->taken += solved[k] * slopes[k];
+                lag->references += 1.0;
+            }
         }
-    return (Pair){sum.left / fmax(count, 1.0), sum.shared / fmax(count, 1.0)};
 }
 
 double ledpi_noise_inflation(const Weighing *w, Sums *sums) {
-    const double *const step_px = w->asked->step_px, samples = (double)sums->samples;
-    put_shares(w, sums);
-    const Pair same = pair_of(w, sums, 0, 0);
-    const double of_all = fmax(0.0, sums->fitted / samples - same.shared);
-    const double variance = fmax(same.left * samples / w->asked->freedom, 1e-12);
-    const ptrdiff_t most_below = (ptrdiff_t)fmin(FURTHEST_PX / step_px[1], (double)(w->each - 1));
-    const ptrdiff_t most_aside = (ptrdiff_t)fmin(FURTHEST_PX / step_px[0], (double)(w->each - 1));
-    double inflation = 1.0;
-    for (ptrdiff_t below = 0; below <= most_below; below++)
-        for (ptrdiff_t aside = below ? -most_aside : 1; aside <= most_aside; aside++)
-            if (ledpi_length((double)aside * step_px[0], (double)below * step_px[1]) <= FURTHEST_PX) {
-                const Pair apart = pair_of(w, sums, aside, below);
-                inflation += 2.0 * (apart.left / variance + apart.shared + of_all);
+    const double *const along = w->fit.along;
+    const bool even = along[w->each] - along[w->each - 1] < 1.01 * (along[1] - along[0]);
+    Lag lags[MOST_LAGS];
+    const ptrdiff_t count = put_lags(w, lags);
+    add_taken(w, sums, even, count, lags);
+    for (ptrdiff_t j = 0; j < w->fit.lines; j++)
+        for (ptrdiff_t i = 0; i < w->fit.lines; i++)
+            for (Lag *lag = lags; lag < lags + count; lag++) {
+                if (!are_pair(w, sums, j, i, lag, even)) continue;
+                lag->left += (double)sums->left[j][i] * sums->left[j - lag->below][i - lag->aside], lag->pairs += 1.0;
             }
-    return fmax(1.0, inflation);
+    const double variance = fmax(lags[0].left / w->asked->freedom, 1e-12);
+    const double *const step_px = w->asked->step_px, least = fmax(1.0, CUBIC / step_px[0]) * fmax(1.0, CUBIC / step_px[1]);
+    double inflation = 1.0;
+    for (const Lag *lag = lags + 1; lag < lags + count; lag++)
+        inflation += 2.0 * (lag->left / fmax(lag->pairs, 1.0) / variance + lag->taken / fmax(lag->references, 1.0));
+    return fmax(least, inflation);
 }
