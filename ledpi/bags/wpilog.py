@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ledpi.bags.replay import Replay, Warn
-from ledpi.bridge.wpilib_values import SCHEMAS, frame_values
+from ledpi.bridge.wpilib_values import SCHEMAS, TYPES, frame_values
 from ledpi.core.errors import RecordingError
 from ledpi.core.files import not_written, nothing_left
 from ledpi.tap.messages import Shown
@@ -21,7 +21,6 @@ from ledpi.tap.messages import decoded as decoded_line
 
 HEADER = b"WPILOG\x00\x01" + bytes(4)  # version 1.0, little endian; nothing more about the whole
 TABLE = "NT:/ledpi"  # as a robot's log names what the bridge has published
-TYPES = {"Raw": "struct:Pose3d", "DoubleArray": "double[]", "IntegerArray": "int64[]"}
 PACKED = {"DoubleArray": "d", "IntegerArray": "q"}
 
 
