@@ -142,9 +142,10 @@ class Estimator:
 
         Raises FloatingPointError where that is no number.
         """
-        head = self._head.copy()
+        head = copy(self._head)
         if head.t_ns is None:
             return NOT_STARTED
+        head.judge = head.judge.ahead()
         latest_ns = head.t_ns if head.last is None else max(head.t_ns, head.last.t_ns)
         head.advance(latest_ns)
         for until_ns in range(latest_ns + SPAN_NS, t_ns + SPAN_NS, SPAN_NS):
