@@ -30,11 +30,26 @@ from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
 LEFT_OUT = ("__pycache__", ".git", ".venv*", ".cache", ".mypy_cache", ".pytest_cache", ".hypothesis", "demo-out")
-C_TESTS = (*(f"tests/unit/{name}" for name in ("kernels", "pose", "decode", "pipeline")), "tests/scenarios")
+C_TESTS = (*(f"tests/unit/{name}" for name in ("core", "pose", "decode", "pipeline")), "tests/scenarios")
 LIMIT_S = 900  # of one fault's tests; one that makes them hang is noticed, too
+COVERED = "import coverage\n\ncoverage.process_startup()\n"
+CONTEXTS = """import coverage
+import pytest
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    coverage.Coverage.current().switch_context(f"{item.nodeid} (setup)")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_call(item):
+    coverage.Coverage.current().switch_context(item.nodeid)
+"""
 
 _Swap = dict[type[ast.AST], type[ast.AST]]
 COMPARISONS: _Swap = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq}
@@ -185,33 +200,53 @@ class Tests:
         quick = ["-m", "not slow and not nightly and not alone", "--first-and-last"]
         self._chosen = ["-m", "not alone"] if every else quick
         self._of_line: dict[tuple[str, int], set[str]] = {}
+        self._seconds: dict[str, float] = {}
         self._environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")} | {
             "OPENBLAS_NUM_THREADS": "1",
             "PYTHONPATH": str(tree),
         }
 
     def map_lines(self) -> None:
-        """Runs the tests once, and keeps which of them ran which lines."""
+        """Runs the tests once, and keeps which ran which lines, in processes they start too, and how long each took."""
         import coverage
 
-        rules = self._tree / ".coveragerc"
-        rules.write_text("[run]\nsource = ledpi\ndynamic_context = test_function\n", encoding="utf-8")
-        self._run(["-m", "coverage", "run", f"--rcfile={rules}", "-m", "pytest", *self._chosen])
+        # Each context of coverage is a test and its phase, as pytest tells them to the processes that tests start.
+        rules, told = self._tree / ".coveragerc", "${PYTEST_CURRENT_TEST-}"
+        within = f"source = ledpi\nparallel = true\ncontext = {told}\ndata_file = {self._tree}/.coverage\n"
+        rules.write_text(f"[run]\n{within}", encoding="utf-8")
+        for name, text in (("sitecustomize", COVERED), ("contexts", CONTEXTS)):
+            (self._tree / f"{name}.py").write_text(text, encoding="utf-8")
+        self._environment["COVERAGE_PROCESS_START"] = str(rules)
+        reported = ["--junitxml=times.xml", "-o", "junit_family=xunit1"]
+        self._run(["-m", "pytest", "-p", "contexts", *reported, *self._chosen], limit_s=None)
+        del self._environment["COVERAGE_PROCESS_START"]
+        self._run(["-m", "coverage", "combine", "--quiet", f"--rcfile={rules}"])
+        cases = list(ElementTree.parse(self._tree / "times.xml").iter("testcase"))
+        for case in cases:
+            self._seconds[_name(case)] = self._seconds.get(_name(case), 0.0) + float(case.get("time", 0.0))
+        # One that fails without a fault notices none.
+        for case in cases:
+            if case.find("failure") is not None or case.find("error") is not None:
+                self._seconds.pop(_name(case), None)
         data = coverage.CoverageData(str(self._tree / ".coverage"))
         data.read()
         for file in data.measured_files():
             for line, contexts in data.contexts_by_lineno(file).items():
-                self._of_line[(str(Path(file).relative_to(self._tree)), line)] = {name for name in contexts if name}
+                of_line = {test for context in contexts for test in self._named(context.strip("|"))}
+                self._of_line[(str(Path(file).relative_to(self._tree)), line)] = of_line
+
+    def _named(self, context: str) -> list[str]:
+        """Returns the tests it names: what one's fixtures run, others of its file may judge."""
+        test = context.partition(" (")[0].partition("[")[0]
+        whole = test.partition("::")[0] if context.endswith("(setup)") else test
+        return [name for name in self._seconds if name == test or name.startswith(f"{whole}::")]
 
     def notice(self, fault: Fault) -> bool:
-        """Asks the tests that run its line; those that only import it, where there are none."""
-        functions = self._of_line.get((str(fault.path), fault.line), set())
-        files = sorted({"/".join(name.split(".")[:-1]) + ".py" for name in functions if name.startswith("tests.")})
-        names = sorted({name.rpartition(".")[2] for name in functions})
-        if not files:
+        """Asks the tests that run its line, the quickest first; nobody notices it where there are none."""
+        tests = sorted(self._of_line.get((str(fault.path), fault.line), set()), key=self._seconds.__getitem__)
+        if not tests:
             return False
-        chosen = [*self._chosen, "-k", " or ".join(names)]
-        return self._run(["-m", "pytest", "-x", "-p", "no:cacheprovider", *chosen, *files]) not in (0, 5)
+        return self._run(["-m", "pytest", "-x", "-p", "no:cacheprovider", *self._chosen, *tests]) not in (0, 5)
 
     def notice_c(self) -> bool:
         """Compiles what changed, and asks the tests of what is compiled."""
@@ -219,12 +254,16 @@ class Tests:
             return True
         return self._run(["-m", "pytest", "-x", "-p", "no:cacheprovider", *self._chosen, *C_TESTS]) not in (0, 5)
 
-    def _run(self, command: list[str]) -> int:
+    def _run(self, command: list[str], limit_s: float | None = LIMIT_S) -> int:
         within: dict[str, Any] = {"cwd": self._tree, "env": self._environment, "capture_output": True}
         try:
-            return subprocess.run([sys.executable, *command], timeout=LIMIT_S, check=False, **within).returncode
+            return subprocess.run([sys.executable, *command], timeout=limit_s, check=False, **within).returncode
         except subprocess.TimeoutExpired:
             return 1
+
+
+def _name(case: ElementTree.Element) -> str:
+    return f"{case.get('file')}::{str(case.get('name')).partition('[')[0]}"
 
 
 if __name__ == "__main__":

@@ -230,7 +230,7 @@ def test_robots_on_one_broker_are_told_apart(daemon: MadeUpDaemon, folder: Path)
 @pytest.mark.slow
 def test_twenty_robots_on_one_broker_stay_apart(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each frame is under its robot's name and says it; nobody is taken for another one and thrown out."""
-    from ledpi.bridge.mqtt import MqttTarget
+    from ledpi.links.mqtt import MqttTarget
 
     far, robots = Mqtt(folder), [f"robot{number}" for number in range(20)]
     far.start()

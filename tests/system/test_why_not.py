@@ -21,7 +21,7 @@ TRIES = 4  # of `monitor`, for longer each time: on a busy machine a guess takes
 
 @pytest.fixture(scope="module", params=[*list(FAULTS)[::3], "nothing"])
 def fault(request: pytest.FixtureRequest) -> Fault:
-    """Takes each third; all of them: tests/unit/diagnosis/test_why_not.py."""
+    """Takes each third; all of them: tests/unit/pipeline/diagnosis/test_why_not.py."""
     return FAULTS.get(request.param, RIGHT)
 
 

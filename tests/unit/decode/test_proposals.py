@@ -232,7 +232,7 @@ def test_of_a_larger_lattice_none_is_taken() -> None:
 
 
 def test_a_cameras_noise_makes_no_lattice() -> None:
-    """Noise of two grey levels, however smoothed; blots may, but no more than three dozen in a picture and its half."""
+    """Noise of two grey levels, however it is smoothed; blots may, but no more than three dozen in both pictures."""
     for blur_px, levels, most in ((0.0, 2.0, 0), (4.0, 2.0, 0), (4.0, 20.0, 36)):
         picture = np.random.default_rng(3).standard_normal((480, 640))
         if blur_px:
