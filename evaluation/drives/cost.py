@@ -1,6 +1,6 @@
-"""Processor time of the state for a second of 60 frames and 100 messages of odometry, late pictures included.
+"""Processor time of the state for a second of 60 frames, 100 messages of odometry and 50 of the state.
 
-Instructions are counted by valgrind's callgrind, so what else the machine does changes nothing.
+Pictures are late. Instructions are counted by valgrind's callgrind, so what else the machine does changes nothing.
 
     python -m evaluation.drives.cost [--many 1000000]      # also: so many messages, and the memory that they leave
 """
@@ -21,33 +21,36 @@ from ledpi.state.estimator import Estimator
 from ledpi.state.inputs import Look, Odometry
 
 WARM_UP_S, COUNTED_S = 4, 4
-FRAMES_HZ = 60.0
+FRAMES_HZ, REPORTED_NS = 60.0, 20_000_000
 
 
-def arrivals(seconds: float) -> list[tuple[int, Look | Odometry]]:
+def arrivals(seconds: float) -> list[tuple[int, list[Look] | Odometry]]:
     """Inputs of a controller and a camera of 60 Hz, as they arrive."""
     drive = drive_of(Case(name="cost", seconds=seconds), 3, FRAMES_HZ)
-    looks = [(each.t_ns + PICTURE_LATE_NS, each) for _, frame in drive.frames for each in frame]
-    return sorted([*looks, *((o.t_ns + ODOMETRY_LATE_NS, o) for o in drive.odometry)], key=lambda each: each[0])
+    frames = [(frame[0].t_ns + PICTURE_LATE_NS, frame) for _, frame in drive.frames if frame]
+    return sorted([*frames, *((o.t_ns + ODOMETRY_LATE_NS, o) for o in drive.odometry)], key=lambda each: each[0])
 
 
-def add(estimator: Estimator, what: Look | Odometry, now_ns: int) -> None:
-    if isinstance(what, Look):
-        estimator.add_look(what, now_ns)
-    else:
+def add(estimator: Estimator, what: list[Look] | Odometry, now_ns: int) -> None:
+    if isinstance(what, Odometry):
         estimator.add_odometry(what, now_ns)
+    else:
+        estimator.add_looks(what, now_ns)
 
 
 def counted() -> float:
     """Runs what is counted; returns the milliseconds of a second."""
     inputs = arrivals(WARM_UP_S + COUNTED_S)
     estimator = estimator_of(Case(name="cost"), drive_of(Case(name="cost", seconds=1), 3))
-    begun = 0.0
+    begun, due_ns = 0.0, 0
     for now_ns, what in inputs:
         if now_ns >= WARM_UP_S * 1e9 and not begun:
             counting.mark()
             begun = time.process_time()
         add(estimator, what, now_ns)
+        if now_ns >= due_ns:
+            due_ns = now_ns + REPORTED_NS
+            estimator.at(now_ns)
     counting.mark()
     return (time.process_time() - begun) * 1e3 / COUNTED_S
 
@@ -62,8 +65,11 @@ def many(messages: int) -> None:
         turn, k = divmod(number, len(inputs))
         later = turn * 10_000_000_000
         now_ns, what = inputs[k]
-        restarts = {"restarted": True} if isinstance(what, Odometry) and k < 2 else {}
-        add(estimator, replace(what, t_ns=what.t_ns + later, **restarts), now_ns + later)
+        if isinstance(what, Odometry):
+            moved = replace(what, t_ns=what.t_ns + later, restarted=k < 2)
+        else:
+            moved = [replace(look, t_ns=look.t_ns + later) for look in what]
+        add(estimator, moved, now_ns + later)
         if number in (messages // 10, messages - 1):
             print(f"{number + 1} messages: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.1f} MiB at most")
 

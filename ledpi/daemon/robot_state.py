@@ -105,18 +105,17 @@ class RobotState:
                     self._reject(NO_SENSE if reason == "value" else DAMAGED)
 
     def run(self) -> None:
-        """Takes what comes, and tells the state at its times."""
+        """Takes what comes, and tells the state at its times. Goes on whatever fails: poses are worth more."""
         due_ns = time.monotonic_ns()
         while not self._ends.is_set():
-            while self._waiting:
-                what, entry = self._waiting.popleft()
-                self._note(entry)
-                for rejected in self._keeper.take(what):
-                    self._count(rejected)
-            now_ns = time.monotonic_ns()
-            if now_ns >= due_ns:
-                due_ns = max(due_ns + self._period_ns, now_ns)
-                self._tell_at(now_ns)
+            try:
+                self._take()
+                now_ns = time.monotonic_ns()
+                if now_ns >= due_ns:
+                    due_ns = max(due_ns + self._period_ns, now_ns)
+                    self._tell_at(now_ns)
+            except Exception as error:
+                self._count(FAILED, error)
             self._ends.wait(min(LOOK_S, max(0.0, (due_ns - time.monotonic_ns()) / 1e9)))
 
     def stop(self) -> None:
@@ -129,18 +128,24 @@ class RobotState:
             self._reject(DIARY_FULL)
         self._diary.append(line_of(entry))
 
-    def _count(self, rejected: Rejected) -> None:
+    def _take(self) -> None:
+        while self._waiting:
+            what, entry = self._waiting.popleft()
+            self._note(entry)
+            for rejected in self._keeper.take(what):
+                self._count(rejected, self._keeper.failure)
+
+    def _count(self, rejected: Rejected, failure: Exception | None) -> None:
         """Counts it; a failure, which is a mistake of ours, is told once, with where it was."""
         self._reject(rejected)
         if rejected == FAILED and not self._has_failed:
             self._has_failed = True
-            said = event("state_failed", error=repr(self._keeper.failure), then="the state begins anew")
-            _log.warning(said, exc_info=self._keeper.failure)
+            _log.warning(event("state_failed", error=repr(failure)), exc_info=failure)
 
     def _tell_at(self, now_ns: int) -> None:
         found = self._keeper.at(now_ns)
         if found == FAILED:
-            self._count(FAILED)
+            self._count(FAILED, self._keeper.failure)
         self._note(Look(now_ns))
         state = None if isinstance(found, Rejected) else found
         t_ns = now_ns if state is None else state.t_ns

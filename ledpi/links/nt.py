@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import ntcore
@@ -15,7 +16,7 @@ from ledpi.config.outputs import OutputSettings
 from ledpi.core.records import Floats
 from ledpi.links import photon
 from ledpi.links.target import Line, TargetLostError
-from ledpi.links.wpilib_values import SCHEMAS, frame_values
+from ledpi.links.wpilib_values import SCHEMAS, TYPES, frame_values, state_values
 
 OPEN_S = 0.25  # that one look for the server takes; ntcore itself goes on looking
 IDENTITY = "ledpi"
@@ -61,7 +62,11 @@ class NtTarget:
         return True
 
     def send_robot(self, state: Line, now_ns: int) -> None:
-        """Nothing: WPILib's own estimator fuses the fixes."""
+        self._check()
+        for name, kind, value, at_ns in state_values(state):
+            self._put(name, kind, value, _nt_time(at_ns, now_ns))
+        self._put("robot_state/mode", "String", state["mode"], _nt_time(int(state["t_ns"]), now_ns))
+        self._instance.flush()
 
     def tell_state(self, state: str, health: Line | None) -> None:
         self._check()
@@ -97,7 +102,11 @@ class NtTarget:
         beat.set(frame["seq"], published_us)
 
     def _put(self, name: str, kind: str, value: object, at_us: int) -> None:
-        self._publisher(f"{self._table}/{name}", _publish_pose if kind == "Raw" else _publish, kind).set(value, at_us)
+        if kind in SCHEMAS:
+            publisher = self._publisher(f"{self._table}/{name}", partial(_publish_struct, TYPES[kind]), "Raw")
+        else:
+            publisher = self._publisher(f"{self._table}/{name}", _publish, kind)
+        publisher.set(value, at_us)
 
     def _publisher(self, name: str, publish: Callable[[Any, Any], Any], kind: str) -> Any:
         publisher = self._publishers.get(name)
@@ -112,8 +121,8 @@ def _publish(topic: Any, options: Any) -> Any:
     return topic.publish(options)
 
 
-def _publish_pose(topic: Any, options: Any) -> Any:
-    return topic.publish("struct:Pose3d", options)
+def _publish_struct(type_name: str, topic: Any, options: Any) -> Any:
+    return topic.publish(type_name, options)
 
 
 def _publish_photon(topic: Any, options: Any) -> Any:

@@ -24,8 +24,12 @@ SCHEMAS = {
     "Quaternion": "double w;double x;double y;double z",
     "Rotation3d": "Quaternion q",
     "Pose3d": "Translation3d translation;Rotation3d rotation",
+    "Translation2d": "double x;double y",
+    "Rotation2d": "double value",
+    "Pose2d": "Translation2d translation;Rotation2d rotation",
 }
-_POSE3D = struct.Struct("<7d")
+_POSE3D, _POSE2D = struct.Struct("<7d"), struct.Struct("<3d")
+TYPES = {"Pose3d": "struct:Pose3d", "Pose2d": "struct:Pose2d", "DoubleArray": "double[]", "IntegerArray": "int64[]"}
 
 
 def pose_of(values: dict[str, Any]) -> Pose:
@@ -58,10 +62,10 @@ def _both(rotation: Floats) -> Floats:
 
 
 class Value(NamedTuple):
-    """One of a frame."""
+    """One of a frame, or of a state."""
 
     name: str
-    kind: Literal["Raw", "DoubleArray", "IntegerArray"]  # Raw: a packed Pose3d
+    kind: Literal["Pose3d", "Pose2d", "DoubleArray", "IntegerArray"]  # poses are packed
     value: bytes | list[float] | list[int]
     exposed_ns: int  # when it was true, CLOCK_MONOTONIC
 
@@ -76,9 +80,18 @@ def frame_values(frame: Line) -> Iterator[Value]:
     yield Value("ids", "IntegerArray", [marker["id"] for marker in frame["markers"]], int(frame["exposed_ns"]))
 
 
+def state_values(state: Line) -> Iterator[Value]:
+    """The values of a `robot_state` line; none where there is no state. The deviations first, as of a frame."""
+    if state["position_m"] is not None:
+        deviations = np.sqrt(np.array(state["covariance"])[[0, 4, 8]]).tolist()
+        yield Value("robot_state/std_devs", "DoubleArray", deviations, int(state["t_ns"]))
+        pose = _POSE2D.pack(*state["position_m"], state["yaw_rad"])
+        yield Value("robot_state/pose", "Pose2d", pose, int(state["t_ns"]))
+
+
 def _pose(name: str, pose: Pose, of: Line) -> Iterator[Value]:
     """The deviations first, so that they are there when the pose is."""
     exposed_ns, wire = int(of["exposed_ns"]), wire_pose(pose)
     if wire.deviation_m is not None and wire.deviation_rad is not None:
         yield Value(f"{name}/std_devs", "DoubleArray", [*wire.deviation_m, *wire.deviation_rad], exposed_ns)
-    yield Value(f"{name}/pose", "Raw", _POSE3D.pack(*wire.position_m, *wire.quaternion_wxyz), exposed_ns)
+    yield Value(f"{name}/pose", "Pose3d", _POSE3D.pack(*wire.position_m, *wire.quaternion_wxyz), exposed_ns)

@@ -14,7 +14,7 @@ from ledpi.core.errors import TapError
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.page.lines import check_line
 from ledpi.page.metrics import Seen, metrics
-from ledpi.page.panels import PanelTable, panels_from_above, robot_from_above
+from ledpi.page.panels import PanelTable, panels_from_above, robot_from_above, robot_of_state
 from ledpi.page.pictures import Pictures
 from ledpi.pipeline.diagnosis.reasons import why_no_fix
 from ledpi.workshop.doctor.running import checks
@@ -49,6 +49,7 @@ class Hub:
         self._health: dict[str, Any] | None = None
         self._decoded: dict[str, Any] | None = None
         self._placed: dict[str, Any] | None = None  # the last line with a fix
+        self._moving: dict[str, Any] | None = None  # the last `robot_state`
         self._panels = PanelTable()
         self._seen = Seen()
         self._history: deque[dict[str, Any]] = deque(maxlen=KEPT_HEALTH)
@@ -178,7 +179,8 @@ class Hub:
             if self._hello is not None:
                 self.pictures.came(line, self._hello)
             return
-        if kind == "robot_state":  # the page has no use for it, and its watchers need not wake
+        if kind == "robot_state":  # its watchers need not wake: the next frame does that
+            self._moving = line
             return
         if kind == "lost":
             self.pictures.lost()
@@ -192,7 +194,7 @@ class Hub:
             self._heard_s = time.monotonic()
         if kind == "hello":
             if self._hello is not None and any(line.get(key) != self._hello.get(key) for key in _PLACES_IN):
-                self._panels, self._placed = PanelTable(), None
+                self._panels, self._placed, self._moving = PanelTable(), None, None
                 self._track.clear()
             self._starts += self._hello is None or not self._connected or line.get("pid") != self._hello.get("pid")
             self._hello, self._connected = line, True
@@ -257,7 +259,11 @@ class Hub:
 
     def _robot(self, now_ns: int) -> dict[str, Any] | None:
         """Tells where it was last, if that is not too long ago."""
-        placed = self._placed
+        placed, moving = self._placed, self._moving
+        if moving is not None and self._connected and moving.get("position_m") is not None:
+            age_ms = round((now_ns - moving["t_ns"]) / 1e6, 1)
+            if age_ms <= OLD_MS:
+                return robot_of_state(moving) | {"age_ms": age_ms, "seq": self._decoded and self._decoded["seq"]}
         if placed is None or not self._connected:
             return None
         robot = robot_from_above(placed["robot"])

@@ -12,7 +12,13 @@ _NUMBER = (int, float)
 
 def check_line(line: dict[str, Any]) -> None:
     """Raises ValueError that names the key, where the page could not use a line. Unknown types are let pass."""
-    check = {"hello": _hello, "decoded": _decoded, "picture": _picture, "health": _health}.get(line["type"])
+    check = {
+        "hello": _hello,
+        "decoded": _decoded,
+        "picture": _picture,
+        "health": _health,
+        "robot_state": _robot_state,
+    }.get(line["type"])
     if check is not None:
         check(line)
 
@@ -34,6 +40,18 @@ def _hello(line: dict[str, Any]) -> None:
         if not marker_id.isdecimal():
             raise ValueError("map: an ID must be a number")
         _place(panel)
+
+
+def _robot_state(line: dict[str, Any]) -> None:
+    _of(line, "t_ns", int)
+    _of(line, "mode", str)
+    if line.get("position_m") is not None:
+        _numbers(line, "position_m", 2)
+        _numbers(line, "covariance", 9)
+        for key in ("yaw_rad", "way_m", "panel_ns"):
+            _number(line, key)
+        _of(line, "contested", bool)
+        _of(line, "moved", list)
 
 
 def _health(line: dict[str, Any]) -> None:

@@ -15,6 +15,7 @@ from ledpi.workshop.monitor import heading_deg
 
 FORGOTTEN_NS = 30_000_000_000  # after so long unseen, a panel is no row any more
 RATE_NS = 2_000_000_000  # that a rate is counted over
+RECKONS_S = 0.3  # without a panel, after which the state is told to reckon
 SIGMAS = 2.0  # of the ellipse's half axes: it holds 86 %
 
 
@@ -80,15 +81,42 @@ def robot_from_above(robot: dict[str, Any] | None) -> dict[str, Any] | None:
         "position_m": robot["position_m"][:2],
         "heading_rad": round(math.radians(heading_deg(robot["quaternion_wxyz"])), 4),
         "ellipse": _ellipse(robot.get("covariance")),
-        "panels_used": robot.get("panels_used", []),
+        "by": _named("panel", robot.get("panels_used", [])),
     }
 
 
+def robot_of_state(state: dict[str, Any]) -> dict[str, Any]:
+    """The same of a `robot_state` line that has one, with what it rests on in words."""
+    since_s, way_m = (state["t_ns"] - state["panel_ns"]) * 1e-9, state["way_m"]
+    by = "odometry and panels" if state["mode"] == "odometry" else "panels, without odometry"
+    if since_s > RECKONS_S:
+        goes_on = "dead reckoning" if state["mode"] == "odometry" else "going on as it moved"
+        by = f"{goes_on}, {since_s:.1f} s and {way_m:.2f} m since the last panel"
+    if state["contested"]:
+        by += "; another place is possible"
+    if state["moved"]:
+        by += f"; not where the map has it: {_named('panel', state['moved'])}"
+    return {
+        "position_m": state["position_m"],
+        "heading_rad": state["yaw_rad"],
+        "ellipse": _ellipse(state["covariance"]),
+        "by": by,
+    }
+
+
+def _named(what: str, ids: list[int]) -> str:
+    return f"{what if len(ids) == 1 else what + 's'} {', '.join(map(str, ids))}"
+
+
 def _ellipse(covariance: list[float] | None) -> dict[str, float] | None:
-    """Half axes (m) and the first one's angle (rad) of SIGMAS deviations; None where they are not known."""
+    """Half axes (m) and the first one's angle (rad) of SIGMAS deviations; None where they are not known.
+
+    `covariance`: row by row, x and y first.
+    """
     if covariance is None:
         return None
-    spread, axes = np.linalg.eigh(np.array(covariance, np.float64).reshape(6, 6)[:2, :2])
+    size = math.isqrt(len(covariance))
+    spread, axes = np.linalg.eigh(np.array(covariance, np.float64).reshape(size, size)[:2, :2])
     short, long = SIGMAS * np.sqrt(np.maximum(spread, 0.0))
     return {
         "long_m": round(float(long), 5),

@@ -107,6 +107,13 @@ class Judge:
         rival = None if self.rival is None else self.rival.copy()
         return replace(self, belief=self.belief.copy(), rival=rival, trust=self.trust.copy(), moved=self.moved.copy())
 
+    def ahead(self) -> Judge:
+        """Copies no more than looking ahead takes: it hears nothing."""
+        rival, trust = self.rival, Trust(is_lost=self.trust.is_lost)
+        if rival is not None:
+            rival = replace(rival, belief=Belief(rival.belief.filter.ahead()))
+        return replace(self, belief=Belief(self.belief.filter.ahead()), rival=rival, trust=trust)
+
     def propagate(self, step: Step) -> None:
         """Moves both; without odometry, if it contradicts the panels."""
         self.trust.moved = self.trust.moved.after(step)

@@ -113,6 +113,7 @@ class Estimator:
         empty = Filter(panels, (float(base_from_camera[0, 3]), float(base_from_camera[1, 3])))
         self._head = Head(Judge(empty, Belief(empty.copy())), noise)
         self._inputs: list[Input] = []
+        self._taken = 0  # of them by the head; an earlier one that has changed is done again, and all after it
         self._keys: list[tuple[int, int]] = []  # of each: its time; -1 of odometry, else the panel
         self._odometry: list[Odometry] = []
         self._first_ns: dict[tuple[int, int], int] = {}  # of a span's looks at a panel
@@ -123,27 +124,35 @@ class Estimator:
         new = (marker for marker in markers if not self._is_known(marker.mid_exposure_ns, marker.detection.id))
         panels = [(marker, self._panels.get(marker.detection.id)) for marker in new]
         looks = [NOT_IN_MAP if p is None else look_of(marker, p, self._base_from_camera) for marker, p in panels]
-        told = [look if isinstance(look, Rejected) else self._add(look, now_ns) for look in looks]
-        return tuple(each for each in told if each is not None)
+        return self.add_looks(looks, now_ns)
 
     def add_look(self, look: Look, now_ns: int) -> Rejected | None:
         """Takes one panel."""
-        return self._add(look, now_ns) if look.panel in self._panels else NOT_IN_MAP
+        return next(iter(self.add_looks((look,), now_ns)), None)
+
+    def add_looks(self, looks: Iterable[Look | Rejected], now_ns: int) -> tuple[Rejected, ...]:
+        """Takes the panels of a frame, all at once, as what came after them is done again."""
+        told = [look if isinstance(look, Rejected) else self._add(look, now_ns) for look in looks]
+        self._catch_up()
+        return tuple(each for each in told if each is not None)
 
     def add_odometry(self, odometry: Odometry, now_ns: int) -> Rejected | None:
         """Takes a message of the controller. Returns why it tells nothing."""
         if not all(value is None or math.isfinite(value) for value in odometry.totals):
             return NO_NUMBER
-        return self._add(odometry, now_ns)
+        rejected = self._add(odometry, now_ns)
+        self._catch_up()
+        return rejected
 
     def at(self, t_ns: int) -> State | Rejected:
         """The state at a time, or at that of the newest input where that is later; nothing changes by it.
 
         Raises FloatingPointError where that is no number.
         """
-        head = self._head.copy()
+        head = copy(self._head)
         if head.t_ns is None:
             return NOT_STARTED
+        head.judge = head.judge.ahead()
         latest_ns = head.t_ns if head.last is None else max(head.t_ns, head.last.t_ns)
         head.advance(latest_ns)
         for until_ns in range(latest_ns + SPAN_NS, t_ns + SPAN_NS, SPAN_NS):
@@ -177,12 +186,14 @@ class Estimator:
         return self._first_ns.get((t_ns // SPAN_NS, panel), t_ns + 1) <= t_ns
 
     def _add(self, what: Input, now_ns: int) -> Rejected | None:
-        """Takes an input that arrives at `now_ns`, and does again what came after it. Returns why it is not used."""
+        """Puts an input that arrives at `now_ns` in its place. Returns why it is not used."""
         if what.t_ns > now_ns + EARLY_NS:
             return IN_FUTURE
         if self._inputs and what.t_ns < self._inputs[-1].t_ns - KEPT_NS:
             return TOO_OLD
         if isinstance(what, Look):
+            if what.panel not in self._panels:
+                return NOT_IN_MAP
             if self._is_known(what.t_ns, what.panel):
                 return None
             self._first_ns[what.t_ns // SPAN_NS, what.panel] = what.t_ns
@@ -200,24 +211,24 @@ class Estimator:
                 rejected = None if what.restarted or are_linked(previous, what) else LEAP
         self._inputs.insert(at, what)
         self._keys.insert(at, key)
-        self._run_from(changed)
-        self._forget()
-        return rejected
-
-    def _run_from(self, changed: int) -> None:
-        """Takes all inputs from one on, after what the last snapshot before it has taken."""
-        done = len(self._inputs) - 1
-        if changed < done:
+        if changed < self._taken:
             while self._snapshots[-1][0] > changed:
                 self._snapshots.pop()
-            done, snapshot = self._snapshots[-1]
+            self._taken, snapshot = self._snapshots[-1]
             self._head = snapshot.copy()
-        for at in range(done, len(self._inputs)):
+        return rejected
+
+    def _catch_up(self) -> None:
+        """Takes all inputs that are not taken."""
+        for at in range(self._taken, len(self._inputs)):
             t_ns = self._inputs[at].t_ns
             if not self._snapshots or t_ns - self._inputs[self._snapshots[-1][0]].t_ns >= SPAN_NS:
                 self._snapshots.append((at, self._head.copy()))
             k = bisect_left(self._odometry, t_ns, key=_time)
             self._head.take(self._inputs[at], self._odometry[k] if k < len(self._odometry) else None)
+        self._taken = len(self._inputs)
+        if self._inputs:
+            self._forget()
 
     def _forget(self) -> None:
         """Drops what nothing can come before any more, from time to time."""
@@ -227,6 +238,7 @@ class Estimator:
         kept = max(k for k, (at, _) in enumerate(self._snapshots) if self._inputs[at].t_ns <= oldest_ns)
         cut = self._snapshots[kept][0]
         linked_ns = self._inputs[cut].t_ns - SILENT_NS
+        self._taken -= cut
         del self._inputs[:cut], self._keys[:cut], self._odometry[: bisect_left(self._odometry, linked_ns, key=_time)]
         self._snapshots = [(at - cut, head) for at, head in self._snapshots[kept:]]
         self._first_ns = {span: t_ns for span, t_ns in self._first_ns.items() if t_ns >= oldest_ns}

@@ -66,6 +66,12 @@ class Filter:
         other.x, other.P, other.slots = self.x.copy(), self.P.copy(), self.slots.copy()
         return other
 
+    def ahead(self) -> Filter:
+        """Copies the own part alone: enough to look ahead, and less to copy and to move."""
+        other = copy(self)
+        other.x, other.P = self.x[:OWN].copy(), self.P[:OWN, :OWN].copy()
+        return other
+
     @property
     def pose(self) -> Floats:
         return self.x[:POSE].copy()

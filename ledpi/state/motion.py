@@ -45,9 +45,12 @@ class Step:
 def are_linked(one: Odometry, two: Odometry) -> bool:
     """Tells whether the motion between two messages is what their totals differ by: if that is what wheels can do."""
     dt_s = (two.t_ns - one.t_ns) * 1e-9
-    both = zip(one.totals, two.totals, (FASTEST_M_S, FASTEST_M_S, FASTEST_RAD_S), strict=True)
-    leaps = any(a is not None and b is not None and abs(b - a) > fastest * dt_s for a, b, fastest in both)
-    return not two.restarted and two.t_ns - one.t_ns <= SILENT_NS and not leaps
+    if two.restarted or two.t_ns - one.t_ns > SILENT_NS:
+        return False
+    for a, b, fastest in zip(one.totals, two.totals, (FASTEST_M_S, FASTEST_M_S, FASTEST_RAD_S), strict=True):
+        if a is not None and b is not None and abs(b - a) > fastest * dt_s:
+            return False
+    return True
 
 
 def between(one: Odometry, two: Odometry, t_ns: int) -> Odometry:
@@ -106,30 +109,40 @@ def propagate(x: Floats, P: Floats, step: Step) -> None:
     aside = [way, *(way * a / 2 for a in by_turn[1:])]  # slopes of the way across
     slopes = np.array([[c * w - s * b for w, b in zip(by_way, aside, strict=True)],
                        [s * w + c * b for w, b in zip(by_way, aside, strict=True)], by_turn])  # fmt: skip
-    P[:POSE] += slopes @ P[YAW:OWN]
-    P[POSE:, :POSE] = P[:POSE, POSE:].T
-    along, across = step.way_variance, SIDEWAYS**2 * step.way_variance
+    pose = P[:POSE]
+    pose += slopes @ P[YAW:OWN]
+    P[POSE:, :POSE] = pose[:, POSE:].T
+    corner = pose[:, :POSE] + pose[:, YAW:OWN] @ slopes.T
+    along, across, yaw_variance = step.way_variance, SIDEWAYS**2 * step.way_variance, step.yaw_variance
+    if step.way_m is None:
+        along += _walk(P, SPEED, dt, (c, s, 0.0))
+    if step.turn_rad is None:
+        yaw_variance += _walk(P, TURN, dt, (0.0, 0.0, 1.0))
     xx, xy, yy = along * c * c + across * s * s, (along - across) * c * s, along * s * s + across * c * c
-    corner = P[:POSE, :POSE] + P[:POSE, YAW:OWN] @ slopes.T
-    P[:POSE, :POSE] = (corner + corner.T) / 2 + np.array([[xx, xy, 0], [xy, yy, 0], [0, 0, step.yaw_variance]])
+    noise = np.array([[xx, xy, 0], [xy, yy, 0], [0, 0, yaw_variance]])
+    pose[:, :POSE] = (corner + corner.T) / 2 + noise
     P[DRIFT, DRIFT] += DRIFT_WALK**2 * dt
-    _follow(x, P, SPEED, None if step.way_m is None else way, MEASURED_SPEED, np.array([c, s, 0.0]), dt)
-    _follow(x, P, TURN, None if step.turn_rad is None else turn, MEASURED_TURN, np.array([0.0, 0.0, 1.0]), dt)
+    if step.way_m is not None:
+        _measure(x, P, SPEED, way / dt, MEASURED_SPEED)
+    if step.turn_rad is not None:
+        _measure(x, P, TURN, turn / dt, MEASURED_TURN)
 
 
-def _follow(x: Floats, P: Floats, at: int, moved: float | None, sigma: float, along: Floats, dt: float) -> None:
-    """Takes a velocity from what was measured, or lets it walk.
+def _walk(P: Floats, at: int, dt: float, along: tuple[float, float, float]) -> float:
+    """Lets a velocity walk. Returns what that adds to the variance of the way along.
 
     A walk of density q adds q·dt to the velocity's variance, q·dt³/3 to the way's and q·dt²/2 between both.
     """
-    if moved is None:
-        q = ACCELERATIONS[at - SPEED] ** 2 * dt
-        P[at, at] += q
-        P[at, :POSE] += q * dt / 2 * along
-        P[:POSE, at] += q * dt / 2 * along
-        P[:POSE, :POSE] += q * dt**2 / 3 * np.outer(along, along)
-        return
-    x[at] = moved / dt
+    q = ACCELERATIONS[at - SPEED] ** 2 * dt
+    P[at, at] += q
+    P[at, :POSE] += np.multiply(along, q * dt / 2)
+    P[:POSE, at] = P[at, :POSE]
+    return q * dt**2 / 3
+
+
+def _measure(x: Floats, P: Floats, at: int, value: float, sigma: float) -> None:
+    """Takes a velocity from what was measured."""
+    x[at] = value
     if P[at, at] != sigma**2:  # else nothing has been correlated with it since it was measured
         P[at], P[:, at] = 0.0, 0.0
         P[at, at] = sigma**2

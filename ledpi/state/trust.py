@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,7 @@ CHANCE = 13.8  # χ² of 2 that chance exceeds once in 1,000 times
 DOUBTS, MOST_DOUBTS = 6, 8  # pairs that contradict, less those that agree: a robot that was carried off has fewer
 
 
-@dataclass(frozen=True, slots=True)
-class Moved:
+class Moved(NamedTuple):
     """Motion by odometry since the start: a pose in the plane, sums of ways and turns, and how far these may be off."""
 
     x_m: float = 0.0
@@ -56,7 +56,7 @@ class Moved:
 class Trust:
     """The motion so far, each panel's look that waits for a second one, and what was found."""
 
-    moved: Moved = Moved()
+    moved: Moved = field(default_factory=Moved)
     looks: dict[int, tuple[Look, Moved]] = field(default_factory=dict)
     doubts: int = 0
     is_lost: bool = False

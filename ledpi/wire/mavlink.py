@@ -16,7 +16,8 @@ from ledpi.core.errors import ConfigError, WireError
 from ledpi.core.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
 from ledpi.core.records import Floats, PanelMap
 from ledpi.core.wording import install_command
-from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage
+from ledpi.wire.mavlink_time import TimeQuestions
+from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, SyncAnswer
 
 Profile: TypeAlias = Literal["ardupilot", "px4"]
 
@@ -60,6 +61,7 @@ class Mavlink:
         self._dialect = load_dialect()
         component = self._dialect.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
         self._packer: Any = self._dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.questions = TimeQuestions(self._dialect)
         self._frd_from_camera = FRD_FROM_FLU @ base_link_from_camera[:3]
         self._profile = profile
         self._last_fix: tuple[int, Floats, Floats] | None = None  # when in µs, position, rotation
@@ -77,6 +79,9 @@ class Mavlink:
                 fields = self._vision_position(message, _picture_us(first_byte_ns, message.age_us))
             case StatusMessage():
                 fields = self._heartbeat(message)
+            case SyncAnswer():  # the middle of its stay here, so that it does not matter how long that was
+                held_ns = (message.arrived_ns + first_byte_ns) // 2
+                fields = self._dialect.MAVLink_timesync_message(held_ns, message.asked_ns)
             case _:
                 return None
         if fields is None:

@@ -137,7 +137,18 @@ class StatusMessage:
                 check_range(name, value, 0x0F0F if name == "throttling" else None)
 
 
-Message: TypeAlias = MarkerMessage | FixMessage | StatusMessage | StateMessage | OdometryMessage | TimeAsk | TimeAnswer
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SyncAnswer:
+    """The answer to an autopilot's TIMESYNC; of MAVLink only."""
+
+    name: ClassVar = "time_sync"
+    asked_ns: int  # on its clock, as it said
+    arrived_ns: int  # CLOCK_MONOTONIC
+
+
+Message: TypeAlias = (
+    MarkerMessage | FixMessage | StatusMessage | StateMessage | OdometryMessage | TimeAsk | TimeAnswer | SyncAnswer
+)
 
 
 def marker_message(marker: MarkerPose, *, age_us: int, alternate: bool = False) -> MarkerMessage:

@@ -16,6 +16,7 @@ from ledpi.wire.message import (
     NoFix,
     State,
     StatusMessage,
+    SyncAnswer,
     fix_message,
     marker_message,
 )
@@ -53,6 +54,7 @@ class Outbox:
         self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
         self._state: tuple[StateMessage, int] | None = None  # with the time at which it holds
         self._state_was_last = False
+        self._answer: SyncAnswer | None = None
         self._asks = asks
         self._asked = 0
         self._ask_due_ns = 0
@@ -86,6 +88,10 @@ class Outbox:
         """Takes a state, that holds at a time, in place of an older one."""
         self._state = state, t_ns
 
+    def put_answer(self, answer: SyncAnswer) -> None:
+        """Takes an answer of our clock, in place of an older one."""
+        self._answer = answer
+
     def set_status(self, status: StatusMessage) -> None:
         """Sets what the next one says; due at once where it says something new of why there is no fix."""
         if (status.state, status.no_fix) != (self._status.state, self._status.no_fix):
@@ -96,13 +102,14 @@ class Outbox:
         """Forgets all poses; a status and a question are due at once."""
         self.replaced += len(self._markers) + (self._fix is not None)
         self._markers.clear()
-        self._fix = self._sent_fix_ns = self._state = None
+        self._fix = self._sent_fix_ns = self._state = self._answer = None
         self._ask_due_ns = 0
         self._status_due_ns = None
 
     def idle_ns(self, now_ns: int) -> int:
         """Returns how long there is nothing to send, if nothing is put in."""
-        if self._fix is not None or self._state is not None or self._markers or self._status_due_ns is None:
+        waiting = self._fix or self._state or self._answer or self._markers
+        if waiting or self._status_due_ns is None:
             return 0
         due_ns = min(self._status_due_ns, self._ask_due_ns) if self._asks else self._status_due_ns
         return max(0, due_ns - now_ns)
@@ -110,10 +117,15 @@ class Outbox:
     def take(self, first_byte_ns: int) -> Message | None:
         """The next message for a frame whose first byte leaves at `first_byte_ns`, or None.
 
-        The state first, then the question for the clock, the fix, the status, the markers. But after a state another
-        has its turn, and a status that is due waits for one fix at most, or a line too short for all of them would
-        never carry it. The first fix, and the first after a time without, is followed by a status that says so.
+        An answer of our clock goes first. Then the state, the question for the clock, the fix, the status, the markers.
+        But after a state another has its turn, and a status that is due waits for one fix at most, or a line too short
+        for all of them would never carry it. The first fix, and the first after a time without, is followed by a status
+        that says so.
         """
+        if self._answer is not None:
+            answer, self._answer = self._answer, None
+            self._undo = partial(setattr, self, "_answer", answer)
+            return answer
         if self._state is not None and not self._state_was_last:
             state = self._take_state(first_byte_ns)
             if state is not None:
@@ -142,7 +154,7 @@ class Outbox:
 
     def latest_ns(self, message: Message, first_byte_ns: int) -> int | None:
         """By when a message's first byte must leave, so that its age is true and not too old; None: at any time."""
-        if isinstance(message, TimeAsk):
+        if isinstance(message, TimeAsk | SyncAnswer):
             return first_byte_ns + AGE_SLACK_NS
         if not isinstance(message, MarkerMessage | FixMessage):
             return None

@@ -15,7 +15,7 @@ from ledpi.wire.codec import DELIMITER, encode, number_after
 from ledpi.wire.ear import Ear, listening
 from ledpi.wire.line import Others, SerialLine
 from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink
-from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage
+from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage, SyncAnswer
 from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox, PublisherCounters
 from ledpi.wire.state_message import StateMessage, TimeAsk
 
@@ -25,7 +25,7 @@ GOODBYE_S = 0.4  # for the last status to leave; the whole daemon must end withi
 JOIN_S = 1.0
 RECENT = 15  # packets that say how long it takes to make one
 
-_SENT: tuple[type[Message], ...] = (FixMessage, StatusMessage, MarkerMessage, StateMessage, TimeAsk)
+_SENT: tuple[type[Message], ...] = (FixMessage, StatusMessage, MarkerMessage, StateMessage, TimeAsk, SyncAnswer)
 
 _log = logging.getLogger("ledpi")
 
@@ -167,7 +167,7 @@ class Publisher:
                 line = self._open()
                 backoff_s = BACKOFF_FIRST_S
                 try:
-                    with listening(line, None if self._ear is None else self._hear):
+                    with listening(line, None if self._ear is None and self._mavlink is None else self._hear):
                         self._use(line)
                 finally:
                     line.close()
@@ -206,7 +206,11 @@ class Publisher:
         self._say_goodbye(line)
 
     def _hear(self, data: bytes, now_ns: int) -> None:
-        ear = self._ear  # another one's, after a reload
+        ear, mavlink = self._ear, self._mavlink  # other ones, after a reload
+        for answer in () if mavlink is None else mavlink.questions.heard(data, now_ns):
+            with self._wake:
+                self._outbox.put_answer(answer)
+                self._wake.notify()
         if ear is not None:
             ear.heard(data, now_ns)
 

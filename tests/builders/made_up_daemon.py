@@ -110,6 +110,7 @@ class MadeUpDaemon:
         self.disk_is_full = True
         self.take_breaks_at = TAKE_BYTES
         self.frame: dict[str, Any] = {}
+        self.robot_state: dict[str, Any] | None = None  # beside each frame, of the same time
         self.exposed_ns: dict[int, int] = {}  # by number
         self.requests: list[dict[str, Any]] = []
         self._clients: list[socket.socket] = []
@@ -191,6 +192,9 @@ class MadeUpDaemon:
             wanted, self._wanted = self._wanted, []
             for client in list(self._clients):
                 self._send(client, line)
+                if self.robot_state is not None:
+                    now = {"type": "robot_state", "t_ns": line["exposed_ns"]}
+                    self._send(client, now | {"panel_ns": line["exposed_ns"] - 2_400_000_000} | self.robot_state)
             for client, request in wanted:
                 pixels = self.picture(seq)
                 head = {"type": "picture", "id": request["id"], "format": "gray8"}

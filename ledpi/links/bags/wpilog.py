@@ -17,11 +17,10 @@ from ledpi.core.files import not_written, nothing_left
 from ledpi.daemon.tap.messages import Shown
 from ledpi.daemon.tap.messages import decoded as decoded_line
 from ledpi.links.bags.replay import Replay, Warn
-from ledpi.links.wpilib_values import SCHEMAS, frame_values
+from ledpi.links.wpilib_values import SCHEMAS, TYPES, frame_values
 
 HEADER = b"WPILOG\x00\x01" + bytes(4)  # version 1.0, little endian; nothing more about the whole
 TABLE = "NT:/ledpi"  # as a robot's log names what the bridge has published
-TYPES = {"Raw": "struct:Pose3d", "DoubleArray": "double[]", "IntegerArray": "int64[]"}
 PACKED = {"DoubleArray": "d", "IntegerArray": "q"}
 
 

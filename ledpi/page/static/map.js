@@ -72,8 +72,7 @@ function tellPlace(robot) {
   }
   const [x, y] = robot.position_m, heading = number((180 * robot.heading_rad) / Math.PI, 1);
   const error = robot.ellipse ? ` Error ellipse (2 standard deviations): ± ${length(robot.ellipse.long_m)} by ± ${length(robot.ellipse.short_m)}.` : "";
-  const used = `${robot.panels_used.length === 1 ? "panel" : "panels"} ${robot.panels_used.join(", ")}`;
-  $("place").textContent = `Robot at x ${number(x, 3)} m, y ${number(y, 3)} m, heading ${heading}°, by ${used}.${error}`;
+  $("place").textContent = `Robot at x ${number(x, 3)} m, y ${number(y, 3)} m, heading ${heading}°, by ${robot.by}.${error}`;
 }
 
 const length = (metres) => metres < 0.01 ? `${(1000 * metres).toFixed(1)} mm` : metres < 1 ? `${(100 * metres).toFixed(1)} cm` : `${metres.toFixed(2)} m`;

@@ -71,7 +71,10 @@ def test_what_a_controller_sends_wrong_is_counted_and_nothing_else() -> None:
 
 
 def test_a_failure_of_the_estimator_begins_it_anew(caplog: pytest.LogCaptureFixture) -> None:
-    """A look whose numbers overflow, twice: each is counted, the journal has the first, and a panel gives a state."""
+    """A look whose numbers overflow, twice, and a listener that fails: all are counted, the journal has the first.
+
+    Then a panel gives a state.
+    """
     rejected, told = Counter[str](), list[Now]()
 
     def reject(why: Rejected) -> None:
@@ -81,11 +84,16 @@ def test_a_failure_of_the_estimator_begins_it_anew(caplog: pytest.LogCaptureFixt
         pose = pose_at(0.1, variance * np.eye(6))
         state.see(decoded(marker_pose(3, time.monotonic_ns() - 1_000_000, pose=pose)))
 
-    state = RobotState(CONFIG, Robot(base_link_from_camera=SEAT, panels=room()), 0, told.append, reject)
+    def tell(now: Now) -> None:
+        told.append(now)
+        if len(told) == 1:
+            raise ValueError("a listener")
+
+    state = RobotState(CONFIG, Robot(base_link_from_camera=SEAT, panels=room()), 0, tell, reject)
     with running(state):
         see(1e308)
         see(1e308)
-        wait_until(lambda: rejected["state.failed"] == 2)
+        wait_until(lambda: rejected["state.failed"] == 3)
         see(1e-5)
         wait_until(lambda: told[-1].message.mode is Mode.PANELS)
     assert [record.getMessage().split()[0] for record in caplog.records] == ["state_failed"]

@@ -33,6 +33,7 @@ TOKEN = "a-token-of-this-test"
 RIGHT = {"Authorization": f"Bearer {TOKEN}"}
 
 
+COVARIANCE = [0.0001, 0.0, 0.0, 0.0, 0.0009, 0.0, 0.0, 0.0, 0.01]  # of x, y and yaw
 HERE = {"position_m": [1.0, 2.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
 
 
@@ -214,6 +215,25 @@ def test_the_head_line_says_nothing_against_the_map(
     daemon.frame = {"robot": robot}
     wait_until(lambda: state()["robot"] is not None)
     assert state()["no_fix"] is None
+
+
+def test_the_map_shows_the_state_between_panels(site: Site, daemon: MadeUpDaemon) -> None:
+    """With its ellipse and what it rests on; a line that makes no sense changes nothing, and none is no robot."""
+    state = {"mode": "odometry", "position_m": [1.0, 2.0], "yaw_rad": 0.5, "covariance": COVARIANCE, "way_m": 1.1}
+    daemon.robot_state = state | {"contested": False, "moved": [11]}
+
+    def robot() -> dict[str, Any]:
+        return site.ask("GET", "/api/state").json()["robot"] or {}
+
+    wait_until(lambda: robot().get("heading_rad") == 0.5)
+    said = "dead reckoning, 2.4 s and 1.10 m since the last panel; not where the map has it: panel 11"
+    assert (robot()["position_m"], robot()["by"]) == ([1.0, 2.0], said)
+    assert (robot()["ellipse"]["long_m"], robot()["ellipse"]["short_m"]) == (0.06, 0.02)
+    seen, daemon.robot_state = daemon.last_seq, daemon.robot_state | {"covariance": [1.0]}
+    wait_until(lambda: daemon.last_seq > seen + 4)
+    assert site.ask("GET", "/api/state").status == 200
+    daemon.robot_state = {"mode": "none", "position_m": None}
+    wait_until(lambda: not robot())
 
 
 # ---- Without a daemon, and with a bad one

@@ -78,7 +78,7 @@ def test_one_bad_look_is_no_rival_for_long() -> None:
     assert not state_at(estimator, 1.1).contested
 
 
-@pytest.mark.parametrize("scale", [2.0, -1.0])
+@pytest.mark.parametrize("scale", [2.0, pytest.param(-1.0, marks=pytest.mark.slow)])
 def test_odometry_that_contradicts_the_panels_is_named_and_not_used(scale: float) -> None:
     """Totals that run by twice as much, or backward: the state goes by panels alone, until the totals are right."""
     estimator = Estimator(room(), SEAT)

@@ -15,7 +15,7 @@ from tests.builders.state import RATE, SEAT, SECOND_NS, drive, heard, look, odom
 
 
 def test_the_order_of_arrival_changes_no_bit() -> None:
-    """Looks that are late by 30 to 90 ms, and odometry by up to 20: state and covariance are those of no delay."""
+    """Looks that are late by 30 to 90 ms, odometry by up to 20; or all looks together, backward: as with no delay."""
     inputs, rng = drive(), np.random.default_rng(4)
     delays = [rng.uniform(0.03, 0.09) if isinstance(each, Look) else rng.uniform(0, 0.02) for each in inputs]
     late = [inputs[k] for k in np.argsort([each.t_ns * 1e-9 + d for each, d in zip(inputs, delays, strict=True)])]
@@ -24,9 +24,13 @@ def test_the_order_of_arrival_changes_no_bit() -> None:
     for each in late:
         add = other.add_look if isinstance(each, Look) else other.add_odometry
         assert add(each, 2 * SECOND_NS) is None  # type: ignore[operator]
-    states = state_at(one, 1.6), state_at(other, 1.6)
-    assert np.array_equal(states[0].pose, states[1].pose)
-    assert np.array_equal(states[0].covariance, states[1].covariance)
+    together = Estimator(room(), SEAT)
+    assert heard(together, *(each for each in inputs if isinstance(each, Odometry))) == []
+    assert together.add_looks([each for each in inputs[::-1] if isinstance(each, Look)], 2 * SECOND_NS) == ()
+    states = [state_at(each, 1.6) for each in (one, other, together)]
+    for each in states[1:]:
+        assert np.array_equal(states[0].pose, each.pose)
+        assert np.array_equal(states[0].covariance, each.covariance)
     assert np.hypot(*(states[0].pose[:2] - on_circle(states[0].t_ns * 1e-9)[:2])) < 0.02
 
 

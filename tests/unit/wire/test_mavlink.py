@@ -276,6 +276,9 @@ class Autopilot:
         if select.select([self._master], [], [], 0.02)[0]:
             self.messages += self._parser.parse_buffer(os.read(self._master, 4096)) or []
 
+    def say(self, *packets: bytes) -> None:
+        os.write(self._master, b"".join(packets))
+
     def of(self, kind: str) -> list[Any]:
         return [message for message in self.messages if message.get_type() == kind]
 
@@ -321,6 +324,30 @@ def test_poses_arrive_over_the_line_with_the_fix_first() -> None:
         assert publisher.counters.refused == 1
         publisher.stop()
         autopilot.read_until(lambda: autopilot.of("HEARTBEAT")[-1].system_status == common.MAV_STATE_POWEROFF)
+
+
+def test_the_autopilot_learns_our_clock() -> None:
+    """It asks among other packets, one of them damaged; an answer of another and an echo are not answered.
+
+    By question and answer it knows our clock within half of the time between.
+    """
+    other = common.MAVLink(None, srcSystem=1, srcComponent=1)
+    attitude = common.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0).pack(other)
+    with line() as (autopilot, _):
+        asked_ns = time.monotonic_ns()
+        question = common.MAVLink_timesync_message(0, asked_ns).pack(other)
+        damaged = bytes([*question[:-1], question[-1] ^ 1])
+        answered = common.MAVLink_timesync_message(5, 7).pack(other)
+        autopilot.say(b"\xfd\x10\x00", damaged, attitude, answered, question[:9])
+        autopilot.say(question[9:], attitude)
+        autopilot.read_until(lambda: bool(autopilot.of("TIMESYNC")))
+        came_ns = time.monotonic_ns()
+        autopilot.say(b"".join(bytes(message.get_msgbuf()) for message in autopilot.of("TIMESYNC")))
+        autopilot.say(common.MAVLink_timesync_message(0, asked_ns + 1).pack(other))
+        autopilot.read_until(lambda: len(autopilot.of("TIMESYNC")) > 1)
+    first, second = autopilot.of("TIMESYNC")
+    assert (first.ts1, second.ts1) == (asked_ns, asked_ns + 1)
+    assert asked_ns < first.tc1 < came_ns
 
 
 def test_without_pymavlink_the_codec_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
