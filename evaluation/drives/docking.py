@@ -61,11 +61,6 @@ class Docked:
     touched: bool  # the wall
     moving_s: float  # when the motors were last told to move
 
-    @property
-    def row(self) -> dict[str, float]:
-        off_mm, off_deg = 1e3 * float(np.hypot(*self.error[:2])), math.degrees(abs(self.error[2]))
-        return {"dock_mm": off_mm, "dock_deg": off_deg, "dock_s": self.seconds, "touched": float(self.touched)}
-
 
 def start_of(rng: np.random.Generator) -> Floats:
     """0.6 to 2.5 m from the camera to the panel, up to 50° aside of its axis, the panel up to 15° aside in view."""
@@ -155,3 +150,10 @@ def dock(seed: int, asked: Docking) -> Docked:
                 motion, docked = steers.dock(plant.t_ns // 1000)
                 moving_s = now_s if any(motion) else moving_s
     return Docked(plant.pose - GOAL, plant.t_ns * 1e-9, bool(plant.pose[0] >= WALL_M), moving_s)
+
+
+def docking_row(asked: Docking, seed: int) -> dict[str, float]:
+    """A line of the table."""
+    done = dock(seed, asked)
+    off_mm, off_deg = 1e3 * float(np.hypot(*done.error[:2])), math.degrees(abs(done.error[2]))
+    return {"dock_mm": off_mm, "dock_deg": off_deg, "dock_s": done.seconds, "touched": float(done.touched)}
