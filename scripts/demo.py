@@ -3,6 +3,7 @@
 Two ptys and a cable between them stand for the serial line. What the monitor prints is set beside the truth: a packet
 carries its pose's age, the cable knows when the packet passed, and the daemon's log when the simulated scene began. So
 it is known which picture a pose is from, and the simulator, asked here a second time, where the panels are in it.
+Then a simulated robot drives by what it sees (demo_drive.py).
 """
 
 from __future__ import annotations
@@ -282,8 +283,15 @@ def draw_picture(out: Path) -> bool:
     return subprocess.run([sys.executable, "-m", "ledpi", *command], cwd=ROOT, check=False).returncode == 0
 
 
+def drive(out: Path) -> bool:
+    """A robot that drives by what it sees, and docks."""
+    command = ["-m", "scripts.demo_drive", "--out", str(out)]
+    print("$ python", *command, flush=True)
+    return subprocess.run([sys.executable, *command], cwd=ROOT, check=False).returncode == 0
+
+
 def main() -> int:
-    """Exit status: 0 if panels were read, none of them wrongly, and everything ended as it should."""
+    """Exit status: 0 if panels were read, none of them wrongly, the robot docked, and everything ended as it should."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=10.0, help="of poses to show (default: 10)")
     parser.add_argument("--out", type=Path, default=ROOT / "demo-out", help="folder for the picture and the logs")
@@ -310,7 +318,7 @@ def main() -> int:
         print(f"ledpi run or ledpi monitor failed: see {run_log} and {monitor_log}", file=sys.stderr)
     elif not tally.right.total() + tally.wrong:
         print(f"{TOO_SLOW} ({run_log})", file=sys.stderr)
-    good = ended and drawn and tally.right and not tally.wrong
+    good = ended and drawn and tally.right and not tally.wrong and drive(out / "drive.png")
     if good:
         print(NEXT)
     return 0 if good else 1

@@ -31,6 +31,7 @@ BY_COMMANDS = {
             "ledpi snapshot look --out docs/pictures/decoys.jpg",
         ],
     ),
+    "drive.png": ("docs/state.md", ["python -m scripts.demo_drive --out docs/pictures/drive.png"]),
     "coverage.png": (
         "docs/calibration.md",
         [

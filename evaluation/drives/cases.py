@@ -93,6 +93,15 @@ class Driven:
     rejected: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Fix:
+    """A pose by one frame."""
+
+    t_s: float
+    pose: Floats
+    covariance: Floats
+
+
 def drive_of(case: Case, seed: int, frames_hz: float = FRAMES_HZ) -> Drive:
     """Draws a drive: truth, odometry, and looks at panels that do not hang quite where the map has them."""
     rng = np.random.default_rng([seed, 51])
@@ -175,21 +184,23 @@ def run(case: Case, drive: Drive, reports_hz: float = REPORTS_HZ) -> Driven:
     return Driven(drive, messages, rejected)
 
 
-def raw_fixes(case: Case, drive: Drive) -> Floats:
-    """(N, 3) errors of fixes of single frames: the poses by each panel that leaves no choice, weighed."""
-    panels, errors = map_of(drive.mapped, MAP_M, MAP_RAD), []
+def raw_fixes(case: Case, drive: Drive) -> list[Fix]:
+    """Fixes of single frames: the poses by each panel that leaves no choice, weighed."""
+    panels, fixes = map_of(drive.mapped, MAP_M, MAP_RAD), []
     seat = float(BASE_FROM_CAMERA[0, 3]), float(BASE_FROM_CAMERA[1, 3])
     for t_s, looks in drive.frames:
-        weights, weighed, true = np.zeros((3, 3)), np.zeros(3), drive.way.pose(t_s)
+        weights, weighed, first = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
         for look in looks:
             if look.alternate is None:
                 alone = Filter(panels, seat)
                 alone.start(look)
                 weight = np.linalg.inv(alone.covariance)
-                error = alone.pose - true
-                error[2] = wrapped(error[2])
+                first = first if weights.any() else alone.pose
+                apart = alone.pose - first
+                apart[2] = wrapped(apart[2])
                 weights += weight
-                weighed += weight @ error
+                weighed += weight @ apart
         if weights.any():
-            errors.append(np.linalg.solve(weights, weighed))
-    return np.array(errors).reshape(-1, 3)
+            covariance = np.linalg.inv(weights)
+            fixes.append(Fix(t_s, first + covariance @ weighed, covariance))
+    return fixes

@@ -6,18 +6,20 @@ Its looks err as in looks.py; what the wire tells the controller are ledpi's own
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from evaluation.drives.cases import HIDDEN, ODOMETRY_LATE_NS, PICTURE_LATE_NS
 from evaluation.drives.looks import Looks
-from evaluation.drives.plant import Plant, steered
+from evaluation.drives.plant import Plant, Steered, steered
 from evaluation.drives.robot import BASE_M
 from evaluation.drives.room import BASE_FROM_CAMERA, place
 from ledpi.core.records import Floats, MapPanel
 from ledpi.state.estimator import Estimator, State
-from ledpi.state.inputs import Look, Measured, Odometry, OdometryNoise
+from ledpi.state.inputs import Look, Measured, OdometryNoise
 from ledpi.wire.codec import encode
 from ledpi.wire.state_message import state_message
 
@@ -58,11 +60,6 @@ class Docked:
     touched: bool  # the wall
     moving_s: float  # when the motors were last told to move
 
-    @property
-    def row(self) -> dict[str, float]:
-        off_mm, off_deg = 1e3 * float(np.hypot(*self.error[:2])), math.degrees(abs(self.error[2]))
-        return {"dock_mm": off_mm, "dock_deg": off_deg, "dock_s": self.seconds, "touched": float(self.touched)}
-
 
 def start_of(rng: np.random.Generator) -> Floats:
     """0.6 to 2.5 m from the camera to the panel, up to 50° aside of its axis, the panel up to 15° aside in view."""
@@ -102,36 +99,60 @@ def panel_alone() -> dict[int, MapPanel]:
     return {PANEL: MapPanel(map_from_marker=place(0, 0, math.pi, HEIGHT_M))}
 
 
+class Line:
+    """Inputs to the estimator, each as late as it comes; and its states, as bytes, to what steers."""
+
+    def __init__(self, plant: Plant, estimator: Estimator, steers: Steered) -> None:
+        self._plant, self.estimator, self._steers = plant, estimator, steers
+        self._late: list[tuple[int, Callable[[Any, int], object], Any]] = []
+        self._sequence = 0
+
+    def put(self, late_ns: int, add: Callable[[Any, int], object], what: object) -> None:
+        """Hands something to a method of the estimator, later."""
+        self._late.append((self._plant.t_ns + late_ns, add, what))
+
+    def tell(self, is_cut: bool = False) -> State | None:
+        """Odometry goes in, and the state out."""
+        now_ns = self._plant.t_ns
+        self.put(ODOMETRY_LATE_NS, self.estimator.add_odometry, self._plant.odometry())
+        for at_ns, add, what in self._late:
+            if at_ns <= now_ns:
+                add(what, at_ns)
+        self._late = [each for each in self._late if each[0] > now_ns]
+        found = self.estimator.at(now_ns)
+        state = found if isinstance(found, State) else None
+        clock_us = (now_ns if state is None else state.t_ns) // 1000
+        if not is_cut:
+            self._steers.hear(b"\0" + encode(state_message(state, clock_us=clock_us), self._sequence), now_ns // 1000)
+            self._sequence = self._sequence % 0xFFFF + 1
+        return state
+
+
 def dock(seed: int, asked: Docking) -> Docked:
     """Drives once."""
     rng = np.random.default_rng([seed, 7])
-    plant = Plant(rng, start_of(rng), asked.dead_band_m_s)
+    plant = Plant(rng, start_of(rng), asked.dead_band_m_s, asked.gyro)
     eyes = Eyes(rng, asked)
-    estimator = Estimator(panel_alone(), BASE_FROM_CAMERA, OdometryNoise(base_m=None if asked.gyro else BASE_M))
-    late: list[tuple[int, Look | Odometry]] = []
-    motion, docked, moving_s, sequence = (0.0, 0.0), False, 0.0, 0
+    estimator = Estimator(panel_alone(), BASE_FROM_CAMERA, OdometryNoise(base_m=BASE_M))
+    motion, docked, moving_s, ends_s = (0.0, 0.0), False, 0.0, min(MOST_S, asked.cut_s + 1)
     with steered() as steers:
         steers.begin(GOAL, -GOAL[0])
-        ends_s = min(MOST_S, asked.cut_s + 1)
+        line = Line(plant, estimator, steers)
         while plant.t_ns < ends_s * 1e9 and plant.pose[0] < WALL_M and not docked:
             plant.step(*motion)
-            now_ns = plant.t_ns
+            now_s = plant.t_ns * 1e-9
             if plant.k % FRAME_STEPS == 0:
-                late += [(now_ns + PICTURE_LATE_NS, look) for look in eyes.see(now_ns * 1e-9, plant.pose)]
-            if plant.k % EACH_STEPS:
-                continue
-            late.append((now_ns + ODOMETRY_LATE_NS, plant.odometry()))
-            for at_ns, what in late:
-                if at_ns <= now_ns:
-                    add = estimator.add_look if isinstance(what, Look) else estimator.add_odometry
-                    add(what, at_ns)  # type: ignore[arg-type]
-            late = [each for each in late if each[0] > now_ns]
-            found = estimator.at(now_ns)
-            state = found if isinstance(found, State) else None
-            clock_us = (now_ns if state is None else state.t_ns) // 1000
-            if now_ns < asked.cut_s * 1e9:
-                steers.hear(b"\0" + encode(state_message(state, clock_us=clock_us), sequence), now_ns // 1000)
-                sequence = sequence % 0xFFFF + 1
-            motion, docked = steers.dock(now_ns // 1000)
-            moving_s = now_ns * 1e-9 if any(motion) else moving_s
+                for look in eyes.see(now_s, plant.pose):
+                    line.put(PICTURE_LATE_NS, estimator.add_look, look)
+            if plant.k % EACH_STEPS == 0:
+                line.tell(is_cut=now_s >= asked.cut_s)
+                motion, docked = steers.dock(plant.t_ns // 1000)
+                moving_s = now_s if any(motion) else moving_s
     return Docked(plant.pose - GOAL, plant.t_ns * 1e-9, bool(plant.pose[0] >= WALL_M), moving_s)
+
+
+def docking_row(asked: Docking, seed: int) -> dict[str, float]:
+    """A line of the table."""
+    done = dock(seed, asked)
+    off_mm, off_deg = 1e3 * float(np.hypot(*done.error[:2])), math.degrees(abs(done.error[2]))
+    return {"dock_mm": off_mm, "dock_deg": off_deg, "dock_s": done.seconds, "touched": float(done.touched)}

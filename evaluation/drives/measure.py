@@ -9,8 +9,9 @@ from functools import partial
 
 import numpy as np
 
+from evaluation.drives import batch, wpilib
 from evaluation.drives.cases import CARRIED_S, CASES, PICTURE_LATE_NS, Case, Driven, drive_of, raw_fixes, run
-from evaluation.drives.docking import DOCKINGS, dock
+from evaluation.drives.docking import DOCKINGS, docking_row
 from ledpi.core.records import Floats
 
 Row = Mapping[str, float | str]
@@ -18,10 +19,16 @@ THREE_DEVIATIONS, TAIL = 14.16, 7.81  # χ² of 3 that a normal exceeds as often
 RIGHT_M, RIGHT_RAD = 0.1, math.radians(5)  # as good as before, after the robot was carried off
 
 
+OTHERS: dict[str, Callable[[int], Mapping[str, float]]] = {
+    "batch": batch.judge,
+    **{name: partial(docking_row, asked) for name, asked in DOCKINGS.items()},
+}
+
+
 def judge(name: str, seed: int) -> dict[str, float | str]:
     """Drives once, and returns a line of the table."""
-    if name in DOCKINGS:
-        return {"case": name, "seed": seed, **dock(seed, DOCKINGS[name]).row}
+    if name in OTHERS:
+        return {"case": name, "seed": seed, **OTHERS[name](seed)}
     case = CASES[name]
     drive = drive_of(case, seed)
     driven = run(case, drive)
@@ -43,7 +50,9 @@ def judge(name: str, seed: int) -> dict[str, float | str]:
     elif case.moved:
         row |= of_moved(case, driven, times, nees)
     else:
-        row["raw_mm"] = 1e3 * rms(raw_fixes(case, drive))
+        fixes = raw_fixes(case, drive)
+        row["raw_mm"] = 1e3 * rms(np.array([fix.pose - drive.way.pose(fix.t_s) for fix in fixes]))
+        row |= {f"wpilib_{how}_mm": 1e3 * rms(wpilib.errors(drive, fixes, how, times.tolist())) for how in wpilib.STATE}
     return row
 
 
@@ -128,6 +137,11 @@ def docked(rows: Sequence[Row], within_mm: float, within_deg: float) -> float:
     return float(np.mean(near & (column(rows, "touched") == 0)))
 
 
+def best_of_wpilib(rows: Sequence[Row]) -> Floats:
+    """The RMS of each drive, by the better of its documentation's deviations and of ours."""
+    return np.minimum(*(column(rows, f"wpilib_{how}_mm") for how in wpilib.STATE))
+
+
 def share_of_way(rows: Sequence[Row]) -> Floats:
     return column(rows, "gap0_mm", "gap1_mm") / column(rows, "gap0_m", "gap1_m") / 1e3
 
@@ -140,6 +154,16 @@ ASKED = (
     Asked("plain", "NEES, highest tenth of the drives", lambda r: tenths(r).max(), most=3.6),
     Asked("plain", "messages with a NEES below 7.81", lambda r: column(r, "below_95").mean(), least=0.95),
     Asked("plain", "drives with an event", lambda r: sum(bool(row["events"]) for row in r), most=0),
+    Asked("plain", "WPILib's estimator, RMS mm", lambda r: float(np.sqrt(np.mean(best_of_wpilib(r) ** 2)))),
+    Asked(
+        "plain",
+        "drives in which ours is better than the best of it",
+        lambda r: np.mean(column(r, "rms_mm") < best_of_wpilib(r)),
+        least=0.95,
+    ),
+    Asked(
+        "batch", "beside the causal optimum, RMS", lambda r: pooled(r, "causal_mm") / pooled(r, "batch_mm"), most=1.25
+    ),
     Asked("gaps", "gyro, 5 s: gaps within 3 % of the way", lambda r: np.mean(share_of_way(r) <= 0.03), least=0.9),
     Asked("gaps", "gyro, 5 s: RMS mm", lambda r: math.sqrt(np.mean(column(r, "gap0_mm", "gap1_mm") ** 2)), most=40),
     Asked("gaps_wheels", "wheels, 5 s: NEES", lambda r: column(r, "gap0_nees", "gap1_nees").mean(), most=4),

@@ -28,8 +28,10 @@ STEP_NS = round(DT_S * 1e9)
 class Plant:
     """Two driven wheels, each with its motor's lag and dead band, that slip; what wheels and gyro say of it."""
 
-    def __init__(self, rng: np.random.Generator, pose: Floats, dead_band_m_s: float = 0.015) -> None:
-        self._rng, self.pose, self._dead_band = rng, pose.copy(), dead_band_m_s
+    def __init__(
+        self, rng: np.random.Generator, pose: Floats, dead_band_m_s: float = 0.015, has_gyro: bool = True
+    ) -> None:
+        self._rng, self.pose, self._dead_band, self._has_gyro = rng, pose.copy(), dead_band_m_s, has_gyro
         self.k = 0  # steps of DT_S
         self._wheels, self._slip, self._totals, self._yaw = np.zeros(2), rng.normal(0, SLIP, 2), np.zeros(2), 0.0
         self._scales = 1 + rng.normal(0, 0.01) + rng.normal(0, 0.003, 2)
@@ -60,7 +62,7 @@ class Plant:
 
     def odometry(self) -> Odometry:
         left, right = (np.floor(self._totals / WHEEL_STEP_M) * WHEEL_STEP_M).tolist()
-        return Odometry(t_ns=self.t_ns, left_m=left, right_m=right, yaw_rad=self._yaw)
+        return Odometry(t_ns=self.t_ns, left_m=left, right_m=right, yaw_rad=self._yaw if self._has_gyro else None)
 
 
 class _Robot(ctypes.Structure):

@@ -121,7 +121,7 @@ def run(out: Path, mark: str, *options: str) -> subprocess.CompletedProcess[str]
 @pytest.mark.slow
 @alone
 def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
-    """Daemon, serial line, monitor: poses beside the truth, a picture, one line of summary, and nothing left behind."""
+    """Daemon, line, monitor: poses beside the truth, a picture, a summary; a robot docks; nothing is left behind."""
     for seconds in ("1.5", "6", "24"):  # where the machine is so busy that no pose arrives in time, longer
         done = run(tmp_path, str(tmp_path), "--seconds", seconds)
         if "no pose arrived" not in done.stderr:
@@ -137,7 +137,13 @@ def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
         re.MULTILINE,
     )
     assert summary is not None
-    assert "Next, in this folder:" in done.stdout[summary.end() :]
+    after = done.stdout[summary.end() :]
+    drive = re.search(r"the state is off by (\d+) mm \(RMS\).*; docked, ([\d.]+) mm and [\d.]+° off;", after)
+    assert drive is not None
+    assert float(drive[1]) < 20
+    assert float(drive[2]) < 10
+    assert cv2.imread(str(tmp_path / "drive.png")) is not None
+    assert "Next, in this folder:" in after
     frames, markers, right, packets = (int(summary[i]) for i in (1, 2, 3, 5))
     assert 0 < right == markers <= 2 * frames
     assert packets > markers  # there are status packets too
