@@ -185,21 +185,17 @@ def test_no_fault_on_either_side_stops_it(far: Far, running: Running, daemon: Ma
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trouble", ["vanish", "block"])
-def test_memory_stays_as_it_is_while_a_far_end_is_in_trouble(
-    far: Far, running: Running, daemon: MadeUpDaemon, trouble: str
-) -> None:
-    """More than a thousand frames would be some megabytes, were they kept."""
-    if isinstance(far, Stdout) and trouble == "vanish":
-        pytest.skip("a bridge ends with its pipe")
+def test_memory_stays_as_it_is_while_a_far_end_is_in_trouble(far: Far, running: Running, daemon: MadeUpDaemon) -> None:
+    """Half of them vanish, the others block. A thousand frames would be some megabytes, were they kept."""
+    vanishes = far.kind in ("tcp", "nt", "zenoh")
     shows(daemon, 100)
-    far.vanish() if trouble == "vanish" else far.block()
+    far.vanish() if vanishes else far.block()
     daemon.frame_s = 0.005  # a stand-in for a longer trouble
     shows(daemon, 400)
     before = memory_kb(running.process.pid)
-    shows(daemon, 1500)
+    shows(daemon, 1000)
     grown_kb = memory_kb(running.process.pid) - before
-    if trouble == "vanish":
+    if vanishes:
         far.start()
     far.unblock()
     assert running.process.poll() is None
