@@ -1,4 +1,4 @@
-"""Builds the compiled core: `ledpi.kernels._core`, one extension of all C files in FOLDERS.
+"""Builds the compiled core: `ledpi.core._core`, one extension of all C files in FOLDERS.
 
 setup.py names `ffibuilder`. cffi makes the bindings from core.h, which the C files include, too: a declaration and its
 function cannot differ. By Python's limited API, so that one build serves every version from 3.10 on.
@@ -10,8 +10,8 @@ from pathlib import Path
 
 from cffi import FFI
 
-# C stands beside the Python of its stage; what all share is in kernels. As library.py has them.
-FOLDERS = ("kernels", "pose", "decode/finding", "decode/identify", "decode/model")
+# C stands beside the Python of its stage; what all share is in core. As library.py has them.
+FOLDERS = ("core", "pose", "decode/finding", "decode/identify", "decode/model")
 ROOMS = [Path("ledpi") / folder for folder in FOLDERS]  # setuptools runs it in the project's root
 SOURCES, HEADERS = ([path for room in ROOMS for path in sorted(room.glob(ending))] for ending in ("*.c", "*.h"))
 # Compiled in, so that a core that is older than the sources beside it is told (library.py).
@@ -19,12 +19,12 @@ DIGEST = sha256(b"".join(path.read_bytes() for path in (*SOURCES, *HEADERS))).he
 
 ffibuilder = FFI()
 # cffi reads declarations, but no directives.
-ffibuilder.cdef(re.sub(r"^#.*$", "", Path("ledpi/kernels/core.h").read_text(encoding="utf-8"), flags=re.MULTILINE))
+ffibuilder.cdef(re.sub(r"^#.*$", "", Path("ledpi/core/core.h").read_text(encoding="utf-8"), flags=re.MULTILINE))
 ffibuilder.cdef("char *ledpi_sources(void);")
 # What is not finite must stay so (degenerate quads are refused by it): no -ffast-math. No -march=native: a Pi's system
 # may be made on another Pi.
 ffibuilder.set_source(
-    "ledpi.kernels._core",
+    "ledpi.core._core",
     f'#include "core.h"\nstatic char *ledpi_sources(void) {{ return "{DIGEST}"; }}\n',
     sources=[str(path) for path in SOURCES],
     depends=[str(path) for path in HEADERS],

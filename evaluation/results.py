@@ -31,8 +31,8 @@ from evaluation.suites.units import code_version
 from evaluation.suites.wild_rows import WILD
 from evaluation.suites.workers import run_on_processes
 from ledpi.config.settings import load_config
-from ledpi.tools.evaluate.page import ResultsFolder
-from ledpi.tools.evaluate.table import TableRow, wilson
+from ledpi.workshop.evaluate.page import ResultsFolder
+from ledpi.workshop.evaluate.table import TableRow, wilson
 
 SEED = 77001  # nothing was tuned on it
 WILD_METHODS: tuple[Method, ...] = ("ledpi", "oracle", "aruco")

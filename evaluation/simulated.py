@@ -8,10 +8,10 @@ from typing import ClassVar, NamedTuple
 import cv2
 import numpy as np
 
+from ledpi.camera.simulate.scene import PanelAppearance
+from ledpi.camera.simulate.surface import Image, Surface
+from ledpi.camera.simulate.trajectory import Trajectory
 from ledpi.core.records import Floats
-from ledpi.simulate.scene import PanelAppearance
-from ledpi.simulate.surface import Image, Surface
-from ledpi.simulate.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,18 +8,35 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ledpi.api import Fix, Lens, Marker, Reader, Reason, State, Stream
     from ledpi.core.errors import LedpiError, PictureError
+    from ledpi.daemon.tap.client import connect as connect_tap
+    from ledpi.pipeline.api import Fix, Lens, Marker, Reader, Reason, State, Stream
 
 __version__ = "0.2.0"
-__all__ = ["Fix", "LedpiError", "Lens", "Marker", "PictureError", "Reader", "Reason", "State", "Stream", "__version__"]
+__all__ = [
+    "Fix",
+    "LedpiError",
+    "Lens",
+    "Marker",
+    "PictureError",
+    "Reader",
+    "Reason",
+    "State",
+    "Stream",
+    "__version__",
+    "connect_tap",
+]
 
 
 def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from ledpi import api
+    if name == "connect_tap":
+        from ledpi.daemon.tap.client import connect
+
+        return connect
     from ledpi.core import errors
+    from ledpi.pipeline import api
 
     return getattr(errors if name.endswith("Error") else api, name)
 

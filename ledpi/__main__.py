@@ -34,8 +34,8 @@ def main() -> None:
 def _end_without(package: Unusable) -> int:
     """Says in one line what is wrong with it; `ledpi doctor`, on its page. Returns the exit status."""
     if sys.argv[1:2] == ["doctor"]:
-        from ledpi.tools.doctor.finding import show
-        from ledpi.tools.doctor.machine import without
+        from ledpi.workshop.doctor.finding import show
+        from ledpi.workshop.doctor.machine import without
 
         return show(without(package), as_json="--json" in sys.argv)
     from ledpi.core.wording import one_line

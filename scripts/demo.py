@@ -30,10 +30,10 @@ from typing import Any
 
 import numpy as np
 
+from ledpi.camera.recording.reader import TruthMarker
 from ledpi.camera.simulated import open_simulated, simulated_sensor
 from ledpi.config.settings import Config, load_config
 from ledpi.core.records import Floats
-from ledpi.recording.reader import TruthMarker
 from ledpi.wire import MarkerMessage, Receiver
 
 ROOT = Path(__file__).resolve().parents[1]

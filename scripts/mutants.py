@@ -34,7 +34,7 @@ from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
 LEFT_OUT = ("__pycache__", ".git", ".venv*", ".cache", ".mypy_cache", ".pytest_cache", ".hypothesis", "demo-out")
-C_TESTS = (*(f"tests/unit/{name}" for name in ("kernels", "pose", "decode", "pipeline")), "tests/scenarios")
+C_TESTS = (*(f"tests/unit/{name}" for name in ("core", "pose", "decode", "pipeline")), "tests/scenarios")
 LIMIT_S = 900  # of one fault's tests; one that makes them hang is noticed, too
 COVERED = "import coverage\n\ncoverage.process_startup()\n"
 CONTEXTS = """import coverage

@@ -15,9 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from evaluation.simulated import TracedWave
-from ledpi.simulate.scene import OV5647_ROW_TIME_US
-from ledpi.simulate.scenes import whole_rows_us
-from ledpi.tools.panel.firmware import Build
+from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US
+from ledpi.camera.simulate.scenes import whole_rows_us
+from ledpi.workshop.panel.firmware import Build
 from tests.builders.panel import program, record_panel, wired_pins
 from tests.builders.simavr import CLOCK_HZ, ROOT, PinTrace, emulate
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.core.shutter import phase_advance_cycles, row_weights
-from ledpi.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
-from ledpi.tools.panel.design import Task, proposal_at, views_of
-from ledpi.tools.panel.design_plots import draw_contrast
-from ledpi.tools.panel.frequencies import Flicker, worthwhile_frequencies
-from ledpi.tools.panel.information import STREAM_FRAMES
+from ledpi.workshop.panel.design import Task, proposal_at, views_of
+from ledpi.workshop.panel.design_plots import draw_contrast
+from ledpi.workshop.panel.frequencies import Flicker, worthwhile_frequencies
+from ledpi.workshop.panel.information import STREAM_FRAMES
 
 PAIR = (1250.0, 2450.0)
 COLOURS = {1250.0: "tab:blue", 2450.0: "tab:orange"}

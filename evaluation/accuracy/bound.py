@@ -30,6 +30,9 @@ from evaluation.suites.conditions import Condition
 from evaluation.suites.draw import draw_take
 from evaluation.suites.oracle import codebook, observed, read_with_oracle
 from evaluation.suites.units import photographed
+from ledpi.camera.recording.reader import FrameEntry, Recording, find_recordings, load_recording
+from ledpi.camera.simulate.sensor import sensor_info
+from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.core.errors import LedpiError, RecordingError
@@ -41,12 +44,9 @@ from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import decision, hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
-from ledpi.recording.reader import FrameEntry, Recording, find_recordings, load_recording
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.recorded import frame_of
-from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE, PanelReader
-from ledpi.tools.evaluate.table import PLAIN
+from ledpi.workshop.evaluate.recorded import frame_of
+from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE, PanelReader
+from ledpi.workshop.evaluate.table import PLAIN
 
 SHOWN = (4, 12)  # of a stream's frames
 RUN_GAP_NS = 60_000_000  # frames that are further apart belong to two takes

@@ -26,19 +26,19 @@ import numpy as np
 from evaluation.suites.conditions import Condition
 from evaluation.suites.draw import Take, draw_take
 from evaluation.suites.units import photographed
+from ledpi.camera.simulate.sensor import sensor_info
+from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
+from ledpi.core.codewords import Bits
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.one_frame import read_frame
-from ledpi.markers.codewords import Bits
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import SquareTrace, Trace
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.table import PLAIN
+from ledpi.workshop.evaluate.table import PLAIN
 
 CELLS, WORDS = 16, 200  # of DICT_4X4_50, each word turned four ways
 # How many of its words there are at a distance of two and of three cells from a pattern two or more away from all.

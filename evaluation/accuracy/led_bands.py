@@ -35,7 +35,7 @@ from evaluation import ROOT
 from ledpi.core.records import Frame
 from ledpi.core.shutter import row_weights
 from ledpi.core.tone import linear_light
-from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
+from ledpi.workshop.calibrate.lamp import lamp_frequency, lamp_rows
 
 Floats = NDArray[np.float64]
 Tone = Callable[[Floats], Floats]  # picture values 0..255 → linear light

@@ -24,9 +24,9 @@ from evaluation import ROOT
 from evaluation.accuracy.led_bands import EXPOSURE_US, ROW_TIME_US, Photograph, photographs, row_profile, srgb_tone
 from evaluation.suites.oracle import read_with_oracle
 from ledpi.config.settings import load_config
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import CameraInfo, Frame
 from ledpi.core.tone import linear_light
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 
 Floats = NDArray[np.float64]

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ledpi.tools.panel.firmware import Build
+from ledpi.workshop.panel.firmware import Build
 from tests.builders.panel import CELL_PINS, IDS, PAIRS, classes, defined, duty, jitter, program, shown_word
 from tests.builders.simavr import CLOCK_HZ, MISSING, Cycles, emulate
 

@@ -20,12 +20,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import numpy as np
 
+from ledpi.camera.recording.reader import Recording, find_recordings, load_recording
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.reader import Recording, find_recordings, load_recording
-from ledpi.tools.evaluate.recorded import frame_of
-from ledpi.tools.evaluate.scoring import Expected, Tally, read_of
+from ledpi.workshop.evaluate.recorded import frame_of
+from ledpi.workshop.evaluate.scoring import Expected, Tally, read_of
 
 ROUNDS = 3  # of every frame; the first warms caches up and is not timed
 

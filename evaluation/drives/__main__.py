@@ -3,7 +3,8 @@
 The map is wrong by 1 cm and 1° a panel, each wheel slips, the gyro has bias and scale, a tenth of the frames is hidden,
 and pictures are 60 ms late; looks err as in rendered drives, with their correlation in time (looks.py). Cases: `plain`;
 `gaps` of 5 s without a panel, by gyro or by `gaps_wheels`; a robot that is `carried` off; a panel that is `moved`, also
-where the state begins at it (`moved_first`); `turns` without wheels; `none` without odometry; a `clock` 10 ms off.
+where the state begins at it (`moved_first`); `turns` without wheels; `none` without odometry; a `clock` 10 ms off; and
+docking, in closed loop by the example in C (docking.py).
 
 Writes drives.csv, a line for each drive, and drives.png to --out; a run that was broken off goes on. Exit status 1
 where something asked is not met. `python -m evaluation.drives.cost` tells what it costs.
@@ -24,10 +25,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from evaluation import ROOT, table
 from evaluation.drives.cases import CASES
+from evaluation.drives.docking import DOCKINGS
 from evaluation.drives.measure import ASKED, Row, judge
 
 COLUMNS = (
     *("case", "seed", "rms_mm", "raw_mm", "yaw_deg", "nees", "below_95", "within_3", "named", "innocent"),
+    *("dock_mm", "dock_deg", "dock_s", "touched"),
     *("untouched_mm", "right_s", *(f"gap{n}_{of}" for n in (0, 1) for of in ("m", "mm", "nees")), "events"),
 )
 
@@ -73,12 +76,13 @@ def summary(rows: list[Row]) -> tuple[str, bool]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--drives", type=int, default=100, help="of each case")
-    parser.add_argument("--case", action="append", choices=[*CASES], help="this one only; may be given again")
+    cases = [*CASES, *DOCKINGS]
+    parser.add_argument("--case", action="append", choices=cases, help="this one only; may be given again")
     parser.add_argument("--out", type=Path, default=ROOT / ".cache" / "drives", metavar="DIR")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
-    rows = drive_all(asked.out / "drives.csv", asked.case or [*CASES], asked.drives, asked.workers)
+    rows = drive_all(asked.out / "drives.csv", asked.case or cases, asked.drives, asked.workers)
     told, met = summary(rows)
     print(told)
     from evaluation.drives.picture import draw

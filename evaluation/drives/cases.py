@@ -146,7 +146,7 @@ def heard(case: Case, odometry: Odometry) -> Odometry:
     """The part of the odometry that the case has."""
     if case.odometry == "turns":
         return replace(odometry, left_m=None, right_m=None)
-    return odometry
+    return replace(odometry, yaw_rad=None) if case.odometry == "wheels" else odometry
 
 
 def run(case: Case, drive: Drive, reports_hz: float = REPORTS_HZ) -> Driven:
@@ -183,7 +183,7 @@ def raw_fixes(case: Case, drive: Drive) -> Floats:
         weights, weighed, true = np.zeros((3, 3)), np.zeros(3), drive.way.pose(t_s)
         for look in looks:
             if look.alternate is None:
-                alone = Filter(panels, seat, noise_of(case))
+                alone = Filter(panels, seat)
                 alone.start(look)
                 weight = np.linalg.inv(alone.covariance)
                 error = alone.pose - true

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from evaluation.drives.room import BASE_FROM_CAMERA, is_in_view, place
+from evaluation.drives.room import BASE_FROM_CAMERA, HEIGHT_M, is_in_view, place
 from ledpi.core.geometry import inverse, matrix_from_rpy_deg, transform
 from ledpi.core.records import Floats
 from ledpi.state.inputs import Look, split_noise, wrapped
@@ -73,10 +73,15 @@ class Looks:
     """Looks at panels that hang at `hung` (x, y, yaw), of which the map says `mapped`."""
 
     def __init__(
-        self, rng: np.random.Generator, hung: dict[int, Floats], mapped: dict[int, Floats], hidden: float
+        self,
+        rng: np.random.Generator,
+        hung: dict[int, Floats],
+        mapped: dict[int, Floats],
+        hidden: float,
+        height_m: float = HEIGHT_M,
     ) -> None:
-        self._rng, self._hidden = rng, hidden
-        self._hung = {panel: place(*at) for panel, at in hung.items()}
+        self._rng, self._hidden, self._height_m = rng, hidden, height_m
+        self._hung = {panel: place(*at, height_m) for panel, at in hung.items()}
         self._headings = {panel: (hung[panel][2], mapped[panel][2]) for panel in hung}
         self._common = rng.normal(RANGE_BIAS, RANGE_COMMON)
         self._errors = {panel: PanelErrors() for panel in hung}
@@ -116,15 +121,16 @@ class Looks:
         ambiguous = _chance(errors.ambiguous.at(t_s, LUCK_FADES_S, rng)) < _ambiguity(distance, incidence)
         wrong_first = incidence < 10 and rng.random() < (0.35 if distance > 5 else 0.02)
         headings = [mirror, heading] if ambiguous and wrong_first else [heading, mirror]
-        return _as_look(t_s, panel, centre, headings[: 2 if ambiguous else 1], stated)
+        return self._as_look(t_s, panel, centre, headings[: 2 if ambiguous else 1], stated)
 
-
-def _as_look(t_s: float, panel: int, centre: Floats, headings: list[float], stated: Floats) -> Look:
-    """The record, from the one or two headings that are possible."""
-    height_m = float(place(0, 0, 0)[2, 3])
-    split = [split_noise(np.array([*centre, h]), stated, BASE_FROM_CAMERA[:2, 3], height_m) for h in headings]
-    (pose, share, turned), other = split[0], split[1][0] if len(split) > 1 else None
-    return Look(t_ns=round(t_s * 1e9), panel=panel, pose=pose, alternate=other, range_share=share, heading_rad=turned)
+    def _as_look(self, t_s: float, panel: int, centre: Floats, headings: list[float], stated: Floats) -> Look:
+        """The record, from the one or two headings that are possible."""
+        camera = BASE_FROM_CAMERA[:2, 3]
+        split = [split_noise(np.array([*centre, h]), stated, camera, self._height_m) for h in headings]
+        (pose, share, turned), other = split[0], split[1][0] if len(split) > 1 else None
+        return Look(
+            t_ns=round(t_s * 1e9), panel=panel, pose=pose, alternate=other, range_share=share, heading_rad=turned
+        )
 
 
 def _stated(distance: float, incidence: float, ray: Floats) -> Floats:

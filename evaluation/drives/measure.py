@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from evaluation.drives.cases import CARRIED_S, CASES, PICTURE_LATE_NS, Case, Driven, drive_of, raw_fixes, run
+from evaluation.drives.docking import DOCKINGS, dock
 from ledpi.core.records import Floats
 
 Row = Mapping[str, float | str]
@@ -18,6 +20,8 @@ RIGHT_M, RIGHT_RAD = 0.1, math.radians(5)  # as good as before, after the robot 
 
 def judge(name: str, seed: int) -> dict[str, float | str]:
     """Drives once, and returns a line of the table."""
+    if name in DOCKINGS:
+        return {"case": name, "seed": seed, **dock(seed, DOCKINGS[name]).row}
     case = CASES[name]
     drive = drive_of(case, seed)
     driven = run(case, drive)
@@ -118,6 +122,12 @@ def tenths(rows: Sequence[Row]) -> Floats:
     return np.array([part.mean() for part in np.array_split(column(rows, "nees"), min(10, len(rows)))])
 
 
+def docked(rows: Sequence[Row], within_mm: float, within_deg: float) -> float:
+    """The share that stands so near its goal, and has not touched the wall."""
+    near = (column(rows, "dock_mm") <= within_mm) & (column(rows, "dock_deg") <= within_deg)
+    return float(np.mean(near & (column(rows, "touched") == 0)))
+
+
 def share_of_way(rows: Sequence[Row]) -> Floats:
     return column(rows, "gap0_mm", "gap1_mm") / column(rows, "gap0_m", "gap1_m") / 1e3
 
@@ -147,4 +157,15 @@ ASKED = (
     Asked("none", "no odometry: RMS mm", lambda r: pooled(r, "rms_mm")),
     Asked("none", "no odometry: NEES", lambda r: column(r, "nees").mean()),
     Asked("clock", "pictures' clock 10 ms off: NEES (must fail)", lambda r: column(r, "nees").mean(), least=3.6),
+    *(
+        Asked(case, f"{what}: {mm} mm and {deg}°", partial(docked, within_mm=mm, within_deg=deg), least=least)
+        for case, what, wide, narrow in (
+            ("dock", "docking", 0.99, 0.75),
+            ("dock_wheels", "… by wheels alone", 0.99, 0.75),
+            ("dock_side", "… side_m 1 % off", 0.95, -math.inf),
+            ("dock_mount", "… mount 1° off", -math.inf, -math.inf),
+            ("dock_dead", "… dead band 40 mm/s", 0.95, -math.inf),
+        )
+        for mm, deg, least in ((10, 1.5, wide), (5, 1, narrow))
+    ),
 )

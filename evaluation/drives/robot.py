@@ -60,7 +60,7 @@ def drive(rng: np.random.Generator, seconds: float) -> Way:
 def odometry(rng: np.random.Generator, way: Way) -> list[Odometry]:
     """Each wheel slips by itself, for half a second; wheels 1 % too large, unlike by 0.3 %; a gyro with bias and scale.
 
-    All is there: an estimator with a `base_m` uses the wheels alone.
+    All is there; a case takes what it has.
     """
     speed, rate = way.velocities.T
     count = len(speed)

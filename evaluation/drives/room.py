@@ -29,9 +29,9 @@ FOCAL_PX, WIDTH, HEIGHT, MARGIN_PX = 643.0, 640, 480, 3.0
 MOST_INCIDENCE, MOST_RANGE_M = math.radians(75), 7.0
 
 
-def place(x: float, y: float, yaw_rad: float) -> Floats:
+def place(x: float, y: float, yaw_rad: float, height_m: float = HEIGHT_M) -> Floats:
     """map_from_marker (4, 4) of a panel that faces along `yaw_rad`."""
-    return transform(matrix_from_rpy_deg(0, 0, math.degrees(yaw_rad)) @ FACING_FROM_MARKER, np.array([x, y, HEIGHT_M]))
+    return transform(matrix_from_rpy_deg(0, 0, math.degrees(yaw_rad)) @ FACING_FROM_MARKER, np.array([x, y, height_m]))
 
 
 def map_of(places: dict[int, Floats], position_m: float, angle_rad: float) -> dict[int, MapPanel]:

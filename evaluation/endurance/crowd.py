@@ -27,8 +27,8 @@ from evaluation import ROOT, end
 from evaluation.endurance.process import MIB, follow, growth_mib
 from evaluation.speed.latency import latencies_ms, recording_in_memory
 from ledpi.core.errors import TapError
-from ledpi.tap.client import Client, connect
-from ledpi.view.connections import MOST
+from ledpi.daemon.tap.client import Client, connect
+from ledpi.page.connections import MOST
 from tests.builders.daemon import controller, daemon
 from tests.builders.made_up_daemon import LARGE, MadeUpDaemon
 from tests.builders.tap import Raw, reach

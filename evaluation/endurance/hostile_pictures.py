@@ -9,9 +9,9 @@ from functools import partial
 import cv2
 import numpy as np
 
+from ledpi.core.codewords import Bits
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Pixels, Singles
-from ledpi.markers.codewords import Bits
-from ledpi.markers.dictionaries import load_dictionary
 
 Rng = np.random.Generator
 

@@ -22,11 +22,11 @@ import numpy as np
 import yaml
 
 from ledpi.camera.factory import open_camera
+from ledpi.camera.recording.writer import RecordingWriter
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.of_config import load_robot
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.writer import RecordingWriter
 
 FRAMES = 4
 HEADER, LINES, MAP = "recording.yaml", "frames.jsonl", "markers.yaml"

@@ -18,7 +18,7 @@ FLAGS = "-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=
 LEFT_OUT = shutil.ignore_patterns(".*", "*.so", "build", "*.egg-info", "docs", "tests", "evaluation", "__pycache__")
 READ_BESIDE = """
 import numpy as np
-from ledpi.kernels.library import ffi, lib, pointer
+from ledpi.core.library import ffi, lib, pointer
 pixels, room, corners = np.zeros(99, np.uint8), np.zeros(lib.ledpi_lattice_room(10, 10), np.uint8), np.zeros((1, 4, 2))
 pictures = ffi.new("PyramidPicture[]", [(pointer(pixels), 10, 10)])
 lib.ledpi_lattice_squares(pictures, 1, 4, pointer(room), 1, pointer(corners))
@@ -32,7 +32,7 @@ def build(folder: Path) -> Path:
     install = ["pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", "--target", str(built)]
     flags = {"CFLAGS": FLAGS, "LDFLAGS": FLAGS}
     subprocess.run([sys.executable, "-m", *install, str(source)], env=os.environ | flags, check=True)
-    if not any(b"__asan_" in core.read_bytes() for core in built.glob("ledpi/kernels/*.so")):
+    if not any(b"__asan_" in core.read_bytes() for core in built.glob("ledpi/core/*.so")):
         raise RuntimeError("the core was not built with sanitizers")
     shutil.copytree(ROOT / "evaluation", built / "evaluation", ignore=LEFT_OUT)  # which attack it
     return built

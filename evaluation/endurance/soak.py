@@ -25,7 +25,7 @@ from pathlib import Path
 
 from evaluation import ROOT, end
 from evaluation.endurance.process import MIB, Sample, growth_mib, sample
-from ledpi.simulate.scenes import DRIVE_IDS
+from ledpi.camera.simulate.scenes import DRIVE_IDS
 from ledpi.wire import MarkerMessage, Receiver, State, StatusMessage
 
 SAMPLE_S = 0.02  # a short run of 300 frames takes two seconds, less than one of them after its warm-up

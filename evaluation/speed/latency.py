@@ -24,8 +24,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ledpi.camera.recording.reader import load_recording
 from ledpi.core.records import Floats
-from ledpi.recording.reader import load_recording
 from ledpi.wire import MarkerMessage
 from tests.builders.daemon import LIFE_S, controller, daemon, end, write_recording
 

@@ -21,13 +21,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import numpy as np
 
+from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.scene import Scene, SimulatedSensor
+from ledpi.camera.simulate.scenes import MOST_ABREAST, abreast_scene, ov5647_lens
+from ledpi.camera.simulate.sensor import sensor_info
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Scene, SimulatedSensor
-from ledpi.simulate.scenes import MOST_ABREAST, abreast_scene, ov5647_lens
-from ledpi.simulate.sensor import sensor_info
 
 WARM_UP_FRAMES = 24  # squares that are no panels are looked at in each frame until then
 THEIRS, OURS = "detectMarkers", ("searching", "tracking")

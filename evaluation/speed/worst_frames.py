@@ -42,14 +42,14 @@ from evaluation.endurance.hostile_pictures import (
     text,
     window,
 )
+from ledpi.camera.simulate.scenes import ov5647_lens
 from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Singles
+from ledpi.daemon.daemon import TICK_S
+from ledpi.daemon.liveness import Pacing
+from ledpi.daemon.reporting import FEEDS
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.runtime.daemon import TICK_S
-from ledpi.runtime.liveness import Pacing
-from ledpi.runtime.reporting import FEEDS
-from ledpi.simulate.scenes import ov5647_lens
 
 # The OV5647's: rows, and the least rows of a frame (hts 1852 at 55 MHz, 1896 at 87.5 MHz; `vts` less its blanking).
 SENSORS = {(640, 480): (33.67, 504), (1296, 972): (21.67, 996)}

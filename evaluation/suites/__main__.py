@@ -27,7 +27,7 @@ from ledpi.config.overrides import METHODS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
-from ledpi.tools.evaluate.page import PAGE_FILE, ResultsFolder, summary, write_results
+from ledpi.workshop.evaluate.page import PAGE_FILE, ResultsFolder, summary, write_results
 
 
 class SuiteName(StrEnum):

@@ -8,9 +8,9 @@ from typing import Literal
 
 from evaluation.suites.wild_rows import WILD
 from ledpi.config.panels import PanelSettings
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Transfer
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.evaluate.table import PAPER_ANGLES_AT_M, PLAIN
+from ledpi.workshop.evaluate.table import PAPER_ANGLES_AT_M, PLAIN
 
 Suite = Literal["paper", "beyond", "robustness", "decoys", "wild"]
 Method = Literal["uemura", "likelihood", "stream", "aruco", "apriltag", "ledpi", "oracle"]

@@ -10,12 +10,12 @@ from typing import Literal
 import numpy as np
 
 from evaluation.suites.placing import Placer, turned_from_sight
+from ledpi.camera.simulate.scene import Light, Panel, SimulatedSensor, SquareWave
+from ledpi.camera.simulate.trajectory import Still
 from ledpi.config.panels import PanelSettings
+from ledpi.core.codewords import Bits, Dictionary
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Phase
-from ledpi.markers.codewords import Bits, Dictionary
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import Light, Panel, SimulatedSensor, SquareWave
-from ledpi.simulate.trajectory import Still
 
 THINGS = (3, 6)  # in a scene, from to
 SIZE_PX = (14.0, 220.0)  # of lamps and panels in the picture

@@ -19,16 +19,16 @@ from evaluation.suites.conditions import Condition, Variation
 from evaluation.suites.decoys import decoys
 from evaluation.suites.placing import place_in_view
 from evaluation.suites.surroundings import frames, lamps_beside, occluders, pages, touching
+from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, SimulatedSensor
+from ledpi.camera.simulate.trajectory import Gliding, Still, Trajectory
 from ledpi.camera.simulated import simulated_sensor
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import CameraSettings
 from ledpi.core import shutter
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Floats, PanelSpec
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, SimulatedSensor
-from ledpi.simulate.trajectory import Gliding, Still, Trajectory
-from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE
+from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE
 
 OFFSET_PX = (80.0, 60.0)  # how far from the picture's middle a panel is put, at most
 HUNG_BY_HAND_DEG = 3.0

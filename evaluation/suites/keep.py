@@ -12,11 +12,11 @@ from evaluation.suites.draw import draw_take
 from evaluation.suites.units import photographed
 from evaluation.suites.wild import draw_camera, draw_wild
 from evaluation.suites.wild_rows import TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
+from ledpi.camera.recording.writer import RecordingWriter
+from ledpi.camera.simulate.sensor import sensor_info
+from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
-from ledpi.recording.writer import RecordingWriter
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE
+from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE
 
 BETWEEN_TAKES_NS = 2_000_000_000  # tracks do not survive half a second
 DRAWN_FILE = "drawn.jsonl"  # what was drawn for each take, to look up what a decoder loses

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.history import History, Identity
@@ -14,8 +15,7 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.locate import Locator
 from ledpi.decode.observation import Observation
 from ledpi.decode.reader import Reader
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.evaluate.scoring import Found, Read
+from ledpi.workshop.evaluate.scoring import Found, Read
 
 Views = Sequence[tuple[Frame, Floats]]  # frames of a stream in order, each with a panel's true corners, (4, 2) px
 

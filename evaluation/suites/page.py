@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ledpi.tools.evaluate.page import false_ids, groups, pivot, rate, recognised_tables
-from ledpi.tools.evaluate.table import TableRow, wilson
+from ledpi.workshop.evaluate.page import false_ids, groups, pivot, rate, recognised_tables
+from ledpi.workshop.evaluate.table import TableRow, wilson
 
 _TITLES = {
     "paper": "The paper's experiment",

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ledpi.camera.simulate.optics import project
+from ledpi.camera.simulate.scene import SimulatedSensor
+from ledpi.camera.simulate.trajectory import facing_camera
+from ledpi.core.lens import undistort
 from ledpi.core.records import Floats
-from ledpi.kernels.lens import undistort
-from ledpi.simulate.optics import project
-from ledpi.simulate.scene import SimulatedSensor
-from ledpi.simulate.trajectory import facing_camera
 
 MARGIN_PX = 16.0  # between a panel's corner and the picture's edge
 _TRIES = 30

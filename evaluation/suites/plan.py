@@ -22,8 +22,8 @@ from ledpi.config.settings import check_method
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Transfer
 from ledpi.core.wording import install_command
-from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE, PANEL_METHODS, Tally
-from ledpi.tools.evaluate.table import TableRow, table_row
+from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE, PANEL_METHODS, Tally
+from ledpi.workshop.evaluate.table import TableRow, table_row
 
 COMMAND = ("python", "-m", "evaluation.suites")
 

@@ -12,13 +12,13 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
+from ledpi.camera.simulate.scene import Print, Scene
+from ledpi.core.codewords import Bits
+from ledpi.core.dictionaries import load_dictionary, opencv_dictionary
 from ledpi.core.records import Floats, Frame, Intrinsics, Pose, Rejected
-from ledpi.markers.codewords import Bits
-from ledpi.markers.dictionaries import load_dictionary, opencv_dictionary
 from ledpi.pose.corners import independent
 from ledpi.pose.planar import solve_square
-from ledpi.simulate.scene import Print, Scene
-from ledpi.tools.evaluate.scoring import Found, Read
+from ledpi.workshop.evaluate.scoring import Found, Read
 
 Family = Literal["aruco", "apriltag"]
 

@@ -14,10 +14,10 @@ from evaluation.simulated import Ripple
 from evaluation.suites.conditions import Variation
 from evaluation.suites.decoys import lamp
 from evaluation.suites.placing import Placer
+from ledpi.camera.simulate.scene import Light, Panel, Print, SimulatedSensor
+from ledpi.camera.simulate.trajectory import Still
 from ledpi.core.geometry import transform
 from ledpi.core.records import Floats
-from ledpi.simulate.scene import Light, Panel, Print, SimulatedSensor
-from ledpi.simulate.trajectory import Still
 
 # A page behind a panel: spots across it, its width in the panel's sides, the share of ink, levels of paper and ink.
 PAGE_SPOTS, PAGE_SIDES, PAGE_INK, PAGE_WHITE, PAGE_BLACK = 20, 2.6, 0.35, (0.1, 0.25), (0.01, 0.05)

@@ -18,16 +18,16 @@ from evaluation.suites.oracle import oracle_reads
 from evaluation.suites.prints import WHITEST_PAPER, Family, apriltag_reader, aruco_reader, printed_id, printed_scene
 from evaluation.suites.wild import draw_wild
 from evaluation.suites.wild_rows import WILD
+from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.scene import Scene
+from ledpi.camera.simulate.sensor import sensor_info
+from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Frame
 from ledpi.core.row_clock import RowClock
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Scene
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate import page
-from ledpi.tools.evaluate.scoring import (
+from ledpi.workshop.evaluate import page
+from ledpi.workshop.evaluate.scoring import (
     FRAMES_A_TAKE,
     PANEL_METHODS,
     STREAM_ROWS,

@@ -11,12 +11,12 @@ from evaluation.suites.draw import Take, brightness_of, drawable_ids
 from evaluation.suites.placing import place_in_view
 from evaluation.suites.surroundings import rectangle
 from evaluation.suites.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
+from ledpi.camera.simulate.scene import Light, Panel, Print, Room, Scene, SimulatedSensor
+from ledpi.camera.simulate.scenes import whole_rows_us
+from ledpi.camera.simulate.trajectory import Still
 from ledpi.config.panels import PanelSettings
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Intrinsics, PanelSpec
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import Light, Panel, Print, Room, Scene, SimulatedSensor
-from ledpi.simulate.scenes import whole_rows_us
-from ledpi.simulate.trajectory import Still
 
 PAGE_SIDES, PAGE_INK = 2.5, 0.35  # its width in sides of the panel, the share of its spots that are dark
 CRYSTAL_PPM = 100.0  # that an oscillator may be off by

@@ -26,8 +26,8 @@ def open_camera(
 
         return open_simulated(config, paced=paced, first=first, frames=frames)
     if kind == "recording":
-        from ledpi.camera.recording import RecordingCamera
-        from ledpi.recording.overrides import load_recording_with
+        from ledpi.camera.recorded import RecordingCamera
+        from ledpi.camera.recording.overrides import load_recording_with
 
         recording = load_recording_with(config, Path(place))
         return RecordingCamera(recording, paced=paced, loop=frames is not None, frames=frames)

@@ -8,6 +8,11 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict
 
+from ledpi.camera.recording.reader import TruthMarker
+from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.scene import OV5647_FRAME_LENGTH_ROWS, OV5647_ROW_TIME_US, Scene, SimulatedSensor
+from ledpi.camera.simulate.scenes import DRIVE_IDS, drive_scene, ov5647_lens, whole_rows_us
+from ledpi.camera.simulate.sensor import sensor_info
 from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.panels import PanelSettings
@@ -15,11 +20,6 @@ from ledpi.config.settings import CameraSettings, Config
 from ledpi.config.values import check_lens
 from ledpi.core.errors import CameraError, ConfigError
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelSpec, PanelValues, Pixels
-from ledpi.recording.reader import TruthMarker
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import OV5647_FRAME_LENGTH_ROWS, OV5647_ROW_TIME_US, Scene, SimulatedSensor
-from ledpi.simulate.scenes import DRIVE_IDS, drive_scene, ov5647_lens, whole_rows_us
-from ledpi.simulate.sensor import sensor_info
 
 _SPARE_ROWS = 4  # that the OV5647's driver keeps between the exposure and the frame's length
 _BLANKING_ROWS = OV5647_FRAME_LENGTH_ROWS - 480

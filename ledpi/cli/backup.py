@@ -14,8 +14,18 @@ from ledpi.config.settings import find_config, found_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_bytes
 from ledpi.core.wording import one_line
-from ledpi.tools.backup import MAX_BYTES, Backup, collect, enabled_units, is_service, left_out, pack, to_write, unpack
-from ledpi.tools.calibrate.files import write_keeping_old
+from ledpi.workshop.backup import (
+    MAX_BYTES,
+    Backup,
+    collect,
+    enabled_units,
+    is_service,
+    left_out,
+    pack,
+    to_write,
+    unpack,
+)
+from ledpi.workshop.calibrate.files import write_keeping_old
 
 
 @app.command()

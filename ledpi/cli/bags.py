@@ -8,11 +8,11 @@ from pathlib import Path
 
 import typer
 
-from ledpi.bags.replay import Replay
 from ledpi.cli import CONFIG, SET, app, progress
 from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import InstallationError
 from ledpi.core.wording import counted, install_command
+from ledpi.links.bags.replay import Replay
 
 VIDEOS = {".mp4", ".mkv", ".avi", ".mov", ".webm"}
 
@@ -43,10 +43,10 @@ def export(
     Example: ledpi export takes/kitchen kitchen.mcap
     """
     if wpilog:
-        from ledpi.bags.wpilog import export_wpilog as exported
+        from ledpi.links.bags.wpilog import export_wpilog as exported
     else:
         with needs_bags():
-            from ledpi.bags.export import export_bag as exported
+            from ledpi.links.bags.export import export_bag as exported
     settings = load_config(find_config(config), tuple(set_), without_file=("panels.side_m=1",))
     replay = Replay(settings, take)
     total = len(replay.recording.frames)
@@ -73,7 +73,7 @@ def import_(
     Example: ledpi import kitchen.mcap takes/kitchen
     """
     with needs_bags():
-        from ledpi.bags.importing import import_bag, import_video
+        from ledpi.links.bags.importing import import_bag, import_video
 
     def warn(said: str) -> None:
         typer.echo(said, err=True)

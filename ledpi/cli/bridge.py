@@ -7,14 +7,14 @@ from pathlib import Path
 
 import typer
 
-from ledpi.bridge.bridge import Bridge
-from ledpi.bridge.factory import open_target
 from ledpi.cli import CONFIG, SET, app
 from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import ConfigError
-from ledpi.runtime.reporting import log_to_standard_error
-from ledpi.tap.of_config import of_config
-from ledpi.tap.places import AUTO
+from ledpi.daemon.reporting import log_to_standard_error
+from ledpi.daemon.tap.of_config import of_config
+from ledpi.daemon.tap.places import AUTO
+from ledpi.links.bridge import Bridge
+from ledpi.links.factory import open_target
 
 
 @app.command()

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import typer
 
+from ledpi.camera.recording.picture import MAX_BYTES
+from ledpi.camera.recording.still import decode_grey
 from ledpi.cli import CONFIG, app
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.files import read_bytes
 from ledpi.core.records import Pixels
 from ledpi.core.str_enum import StrEnum
-from ledpi.recording.picture import MAX_BYTES
-from ledpi.recording.still import decode_grey
-from ledpi.tools.calibrate.board_sheet import sheet_pdf
-from ledpi.tools.calibrate.boards import Board
-from ledpi.tools.calibrate.files import change_config, write_keeping_old
-from ledpi.tools.calibrate.status import next_command, parts
+from ledpi.workshop.calibrate.board_sheet import sheet_pdf
+from ledpi.workshop.calibrate.boards import Board
+from ledpi.workshop.calibrate.files import change_config, write_keeping_old
+from ledpi.workshop.calibrate.status import next_command, parts
 
 calibrate = typer.Typer(rich_markup_mode=None)
 app.add_typer(calibrate, name="calibrate")

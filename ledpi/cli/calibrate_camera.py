@@ -14,6 +14,8 @@ import typer
 
 from ledpi.camera.base import Camera
 from ledpi.camera.factory import open_camera
+from ledpi.camera.recording.format import HEADER_FILE
+from ledpi.camera.recording.still import SUFFIXES
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import (
     DEFAULT_COLS,
@@ -30,14 +32,12 @@ from ledpi.config.camera_yaml import camera_yaml_text, own_section
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.wording import counted
-from ledpi.recording.format import HEADER_FILE
-from ledpi.recording.still import SUFFIXES
-from ledpi.tools.calibrate.boards import Board, BoardFinder, BoardView, other_board
-from ledpi.tools.calibrate.camera import CameraCalibration, calibrate_camera, parameters
-from ledpi.tools.calibrate.camera import quality as quality_of
-from ledpi.tools.calibrate.collecting import corner_counts, draw_coverage, places_without_corners
-from ledpi.tools.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
-from ledpi.tools.calibrate.taking import collect_views
+from ledpi.workshop.calibrate.boards import Board, BoardFinder, BoardView, other_board
+from ledpi.workshop.calibrate.camera import CameraCalibration, calibrate_camera, parameters
+from ledpi.workshop.calibrate.camera import quality as quality_of
+from ledpi.workshop.calibrate.collecting import corner_counts, draw_coverage, places_without_corners
+from ledpi.workshop.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
+from ledpi.workshop.calibrate.taking import collect_views
 
 
 class ModelName(str, Enum):

@@ -9,24 +9,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
-from ledpi.camera.recording import RecordingCamera
+from ledpi.camera.recorded import RecordingCamera
+from ledpi.camera.recording.overrides import load_recording_with
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import calibrate, name_in_config, settings_for
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.map_yaml import map_text
 from ledpi.config.settings import Config
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import CalibrationError
 from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
 from ledpi.core.records import Frame, Intrinsics
 from ledpi.core.wording import install_command
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.overrides import load_recording_with
-from ledpi.tools.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
-from ledpi.tools.calibrate.map_views import View, view_of
+from ledpi.workshop.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
+from ledpi.workshop.calibrate.map_views import View, view_of
 
 if TYPE_CHECKING:
-    from ledpi.tools.calibrate.map import MapCalibration
+    from ledpi.workshop.calibrate.map import MapCalibration
 
 
 @calibrate.command("map")
@@ -49,8 +49,8 @@ def map_(
     Example: ledpi calibrate map drive --origin 7 --position 4 1.2 1.5 --yaw-deg 180
     """
     try:  # what is missing is told before the long work
-        from ledpi.tools.calibrate.map import calibrate_map
-        from ledpi.tools.calibrate.map_picture import map_picture
+        from ledpi.workshop.calibrate.map import calibrate_map
+        from ledpi.workshop.calibrate.map_picture import map_picture
     except ImportError as error:
         raise CalibrationError(f"{error.name} is missing: {install_command('calibrate')}") from None
     if not all(math.isfinite(value) for value in (*position, yaw_deg)):

@@ -8,22 +8,22 @@ from typing import Any
 
 import typer
 
+from ledpi.camera.recording.still import SUFFIXES, still_camera
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import calibrate, read_grey, settings_for
 from ledpi.config.panels import PanelOverride, PanelSettings
 from ledpi.config.settings import Config
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import Floats, Frame, PanelSpec
 from ledpi.core.shutter import contrast
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.still import SUFFIXES, still_camera
-from ledpi.tools.calibrate.bands import ClassBands, PanelLight
-from ledpi.tools.calibrate.files import Key, change_config, check_changeable
-from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
-from ledpi.tools.calibrate.panel import MAX_LIGHT_SHARE, PanelCalibration, advice, frequency_sigma_hz, measure_panel
-from ledpi.tools.calibrate.still_panels import measure_still, reads, steady_seconds
-from ledpi.tools.calibrate.taking import Taken, take_frames
+from ledpi.workshop.calibrate.bands import ClassBands, PanelLight
+from ledpi.workshop.calibrate.files import Key, change_config, check_changeable
+from ledpi.workshop.calibrate.lamp import lamp_frequency, lamp_rows
+from ledpi.workshop.calibrate.panel import MAX_LIGHT_SHARE, PanelCalibration, advice, frequency_sigma_hz, measure_panel
+from ledpi.workshop.calibrate.still_panels import measure_still, reads, steady_seconds
+from ledpi.workshop.calibrate.taking import Taken, take_frames
 
 
 @calibrate.command()

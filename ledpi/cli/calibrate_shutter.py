@@ -14,15 +14,15 @@ from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import calibrate, settings_for
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import CalibrationError, RowTimeUnknownError
 from ledpi.core.records import Floats, PanelSpec
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.tools.calibrate.bands import PanelLight
-from ledpi.tools.calibrate.files import Key, change_config, check_changeable
-from ledpi.tools.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
-from ledpi.tools.calibrate.still_panels import measure_still, reads
-from ledpi.tools.calibrate.taking import Taken, take_frames
+from ledpi.workshop.calibrate.bands import PanelLight
+from ledpi.workshop.calibrate.files import Key, change_config, check_changeable
+from ledpi.workshop.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
+from ledpi.workshop.calibrate.still_panels import measure_still, reads
+from ledpi.workshop.calibrate.taking import Taken, take_frames
 
 FIRST_ROW_TIME_US = 30.0  # of a camera that does not tell; sensors' rows take 5 to 100
 

@@ -17,9 +17,9 @@ from ledpi.config.shipped import copy_files, example
 from ledpi.core.errors import ConfigError
 from ledpi.core.mounts import lost_at_reboot
 from ledpi.core.wording import counted
-from ledpi.runtime.reporting import log_to_standard_error
-from ledpi.tools.calibrate.files import changed_yaml, write_keeping_old
-from ledpi.tools.editing import passed_socket, serve_edits, set_keys
+from ledpi.daemon.reporting import log_to_standard_error
+from ledpi.workshop.calibrate.files import changed_yaml, write_keeping_old
+from ledpi.workshop.editing import passed_socket, serve_edits, set_keys
 
 SERVICE_FILE = Path("/etc/ledpi/config.yaml")
 

@@ -11,6 +11,10 @@ from typing import Any
 import numpy as np
 import typer
 
+from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recording.picture import read_picture
+from ledpi.camera.recording.reader import Recording
+from ledpi.camera.recording.still import read_still
 from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.decode_inputs import check_inputs, check_names_differ, distinct, sort_out, steps_folders
 from ledpi.cli.pictures import Still, says_all, still_of, write_drawn
@@ -24,15 +28,11 @@ from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.of_config import load_robot, pipeline_of
 from ledpi.pipeline.output import decoded_as_json, state_as_json
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.overrides import load_recording_with
-from ledpi.recording.picture import read_picture
-from ledpi.recording.reader import Recording
-from ledpi.recording.still import read_still
 from ledpi.state.estimator import State
-from ledpi.tools.snapshot.record import take
-from ledpi.tools.snapshot.steps import draw_steps
 from ledpi.wire.diary import Replay, read_diary
 from ledpi.wire.keeper import Keeper
+from ledpi.workshop.snapshot.record import take
+from ledpi.workshop.snapshot.steps import draw_steps
 
 OLD_STATE_FILE = "state.bin"  # of older recordings: what the decoder remembered
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
+from ledpi.camera.recording.reader import Recording, find_recordings
+from ledpi.camera.recording.still import SUFFIXES
 from ledpi.cli.pictures import check_apart
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, check_method
 from ledpi.core.errors import RecordingError
-from ledpi.recording.reader import Recording, find_recordings
-from ledpi.recording.still import SUFFIXES
 
 
 def sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:

@@ -10,8 +10,8 @@ import typer
 from ledpi.cli import CONFIG, SET, app
 from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import LedpiError
-from ledpi.tools.doctor.checks import configuration, examine
-from ledpi.tools.doctor.finding import Finding, bad, show
+from ledpi.workshop.doctor.checks import configuration, examine
+from ledpi.workshop.doctor.finding import Finding, bad, show
 
 
 @app.command()

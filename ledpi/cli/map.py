@@ -13,7 +13,7 @@ from ledpi.config.robot import unreadable_note
 from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.wording import counted
-from ledpi.tools.calibrate.files import write_keeping_old
+from ledpi.workshop.calibrate.files import write_keeping_old
 
 _OUT = "File to write; an older one is kept as NAME.bak-1."
 

@@ -18,11 +18,10 @@ from rich.live import Live as Screen
 from ledpi.cli import app
 from ledpi.core.errors import TapError, WireError
 from ledpi.core.wording import counted
-from ledpi.diagnosis.reasons import why_no_fix
-from ledpi.diagnosis.why_not import WhyNot
-from ledpi.tap.client import Client, connect
-from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_of
-from ledpi.tools.monitor import Live
+from ledpi.daemon.tap.client import Client, connect
+from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_of
+from ledpi.pipeline.diagnosis.reasons import why_no_fix
+from ledpi.pipeline.diagnosis.why_not import WhyNot
 from ledpi.wire import (
     FixMessage,
     MarkerMessage,
@@ -34,6 +33,7 @@ from ledpi.wire import (
     WirePose,
 )
 from ledpi.wire.line import open_port
+from ledpi.workshop.monitor import Live
 
 READ_TIMEOUT_S = 0.1
 SHOW_EVERY_S = 0.1

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US
+from ledpi.camera.simulate.scenes import whole_rows_us
 from ledpi.cli import CONFIG, SET, app, progress
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, find_config, load_config
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
 from ledpi.core.wording import install_command
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import OV5647_ROW_TIME_US
-from ledpi.simulate.scenes import whole_rows_us
-from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.circuit import Circuit, Lamps, PinCircuit, plan_circuit, plan_pins
-from ledpi.tools.panel.firmware import (
+from ledpi.workshop.panel.body import Body
+from ledpi.workshop.panel.circuit import Circuit, Lamps, PinCircuit, plan_circuit, plan_pins
+from ledpi.workshop.panel.firmware import (
     SINGLE_CELLS,
     Build,
     Firmware,
@@ -31,7 +31,7 @@ from ledpi.tools.panel.firmware import (
 )
 
 if TYPE_CHECKING:
-    from ledpi.tools.panel.sheet import Sheet
+    from ledpi.workshop.panel.sheet import Sheet
 
 
 panel = typer.Typer(
@@ -182,7 +182,7 @@ def sheet(
     overrides += set_ + ([f"panels.side_m={side}"] if side is not None else [])
     panels = load_config(file, tuple(overrides)).panels
     require_extra("build sheets", "matplotlib", "schemdraw")
-    from ledpi.tools.panel.sheet import write_sheet
+    from ledpi.workshop.panel.sheet import write_sheet
 
     lamps: Lamps | PinCircuit
     if direct:
@@ -208,7 +208,7 @@ def _check_direct(supply: float | None, leds: int | None) -> None:
 
 
 def _planned(panels: PanelSettings, marker_id: int, lamps: Lamps | PinCircuit) -> Sheet:
-    from ledpi.tools.panel.sheet import Sheet
+    from ledpi.workshop.panel.sheet import Sheet
 
     dictionary, spec = load_dictionary(panels.dictionary), panels.spec(marker_id)
     try:

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import typer
 
+from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.camera.simulated import shortest_frame_rows
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.panel import panel, require_extra
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import CameraSettings, Config, find_config, load_config
+from ledpi.core.codewords import Dictionary
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
-from ledpi.markers.codewords import Dictionary
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
-from ledpi.tools.panel.design import (
+from ledpi.workshop.panel.design import (
     Proposal,
     Task,
     antiphase_proposals,
@@ -28,11 +28,11 @@ from ledpi.tools.panel.design import (
     ranked,
     views_of,
 )
-from ledpi.tools.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
-from ledpi.tools.panel.frequencies import Flicker
-from ledpi.tools.panel.information import View
-from ledpi.tools.panel.reach import Reach, reach_of, reach_views
-from ledpi.tools.panel.verdict import Finding, findings
+from ledpi.workshop.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
+from ledpi.workshop.panel.frequencies import Flicker
+from ledpi.workshop.panel.information import View
+from ledpi.workshop.panel.reach import Reach, reach_of, reach_views
+from ledpi.workshop.panel.verdict import Finding, findings
 
 _SHOWN = 5
 # Of the farthest distance at which cells can be sampled; for a panel of 16 cm 0.6, 1, 1.4, 2, 3, 5, 8 and 12 m.
@@ -248,7 +248,7 @@ def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines
             (out / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
-    from ledpi.tools.panel.design_plots import draw_contrast, draw_reach
+    from ledpi.workshop.panel.design_plots import draw_contrast, draw_reach
 
     draw_contrast(task, rows[0][1], out / "contrast.png")
     draw_reach(rows, out / "reach.png")

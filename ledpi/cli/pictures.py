@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 
 import cv2
 
+from ledpi.camera.recording.overrides import camera_with
+from ledpi.camera.recording.picture import MAX_BYTES, text_of
+from ledpi.camera.recording.still import still_camera
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError, RecordingError, TapError
 from ledpi.core.files import not_written, put_in_place, read_bytes, write_beside
 from ledpi.core.records import CameraInfo, Intrinsics, Pixels
-from ledpi.recording.overrides import camera_with
-from ledpi.recording.picture import MAX_BYTES, text_of
-from ledpi.recording.still import still_camera
-from ledpi.tap.frames import camera_of, settings_of
+from ledpi.daemon.tap.frames import camera_of, settings_of
 
 
 class Still(NamedTuple):

@@ -17,10 +17,10 @@ from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.records import CameraInfo
 from ledpi.core.wording import counted
+from ledpi.daemon.recorder import FrameWriter, Recorded, Recorder
+from ledpi.daemon.takes import TakeWriter
 from ledpi.pipeline.of_config import pipeline_of
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.runtime.recorder import FrameWriter, Recorded, Recorder
-from ledpi.runtime.takes import TakeWriter
 
 TICK_S = 0.1
 
@@ -73,7 +73,7 @@ def _writer(out: Path, settings: Config, camera: CameraInfo, pipeline: Pipeline)
     note = f"recorded from {settings.camera.source}"
     if out.suffix == ".mcap":
         with needs_bags():
-            from ledpi.bags.bag_writer import BagWriter
+            from ledpi.links.bags.bag_writer import BagWriter
         return BagWriter(out, camera=camera, dictionary=dictionary, panel=panel, note=note)
     return TakeWriter(out, camera=camera, dictionary=dictionary, panel=panel, note=note)
 

@@ -10,7 +10,7 @@ import typer
 from ledpi.cli import app
 from ledpi.core.errors import RecordingError
 from ledpi.core.files import not_written
-from ledpi.tap.client import connect
+from ledpi.daemon.tap.client import connect
 
 PATIENCE_S = 600.0  # ten seconds of frames are written in ten to thirty, and others may be written before
 

@@ -41,9 +41,9 @@ def run(
     from ledpi.config.settings import find_config, load_config
     from ledpi.core.errors import LedpiError, TransientError
     from ledpi.core.wording import one_line
-    from ledpi.runtime.reporting import log_to_standard_error
-    from ledpi.runtime.service import Service
-    from ledpi.runtime.threads import NO_THREAD, end_threads, is_no_thread
+    from ledpi.daemon.reporting import log_to_standard_error
+    from ledpi.daemon.service import Service
+    from ledpi.daemon.threads import NO_THREAD, end_threads, is_no_thread
 
     log_to_standard_error()
     file = find_config(config)

@@ -8,21 +8,21 @@ from pathlib import Path
 import numpy as np
 import typer
 
+from ledpi.camera.recording.writer import RecordingWriter
+from ledpi.camera.simulate.scene import Scene
+from ledpi.camera.simulate.scenes import DRIVE_IDS, board_scene, still_scene
 from ledpi.camera.simulated import SimulatedCamera, simulated_drive, simulated_sensor
 from ledpi.cli import CONFIG, SET, app, progress
 from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, find_config, load_config
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec
 from ledpi.core.str_enum import StrEnum
 from ledpi.core.wording import counted
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.recording.writer import RecordingWriter
-from ledpi.simulate.scene import Scene
-from ledpi.simulate.scenes import DRIVE_IDS, board_scene, still_scene
-from ledpi.tools.calibrate.boards import Board
-from ledpi.tools.calibrate.files import write_keeping_old
+from ledpi.workshop.calibrate.boards import Board
+from ledpi.workshop.calibrate.files import write_keeping_old
 
 _STILL_IDS, _STILL_DISTANCE_M, _STILL_ANGLE_DEG = [7], 1.0, 0.0
 

@@ -11,23 +11,23 @@ import numpy as np
 import typer
 
 from ledpi.camera.factory import open_camera
-from ledpi.camera.recording import RecordingCamera
+from ledpi.camera.recorded import RecordingCamera
+from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recording.picture import read_picture
+from ledpi.camera.recording.still import read_still
 from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.pictures import check_apart, says_all, still_of, write_drawn
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import CameraError, ConfigError, RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues
-from ledpi.diagnosis.why_not import RUN_FRAMES, Why
+from ledpi.daemon.tap.frames import settings_of
+from ledpi.pipeline.diagnosis.why_not import RUN_FRAMES, Why
 from ledpi.pipeline.of_config import pipeline_of
-from ledpi.recording.overrides import load_recording_with
-from ledpi.recording.picture import read_picture
-from ledpi.recording.still import read_still
-from ledpi.tap.frames import settings_of
-from ledpi.tools.snapshot.page import draw
-from ledpi.tools.snapshot.record import explain, take
-from ledpi.tools.snapshot.sources import LOOK_FRAMES, Looking, connected, showing_a_panel
-from ledpi.tools.snapshot.steps import draw_steps
+from ledpi.workshop.snapshot.page import draw
+from ledpi.workshop.snapshot.record import explain, take
+from ledpi.workshop.snapshot.sources import LOOK_FRAMES, Looking, connected, showing_a_panel
+from ledpi.workshop.snapshot.steps import draw_steps
 
 FORMATS = (".png", ".jpg")
 

@@ -16,13 +16,13 @@ import typer
 from ledpi.cli import CONFIG, SET, app
 from ledpi.config.settings import Config, ViewSettings, find_config, load_config
 from ledpi.core.errors import ConfigError
-from ledpi.runtime.reporting import log_to_standard_error
-from ledpi.tap.of_config import of_config
-from ledpi.view.guard import Guard, metrics_token
-from ledpi.view.hub import Hub
-from ledpi.view.own_token import kept_token
-from ledpi.view.server import ViewServer
-from ledpi.view.settings import Settings
+from ledpi.daemon.reporting import log_to_standard_error
+from ledpi.daemon.tap.of_config import of_config
+from ledpi.page.guard import Guard, metrics_token
+from ledpi.page.hub import Hub
+from ledpi.page.own_token import kept_token
+from ledpi.page.server import ViewServer
+from ledpi.page.settings import Settings
 
 _M_ARENA_MAX = -8  # of glibc's malloc.h
 

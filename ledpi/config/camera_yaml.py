@@ -14,8 +14,8 @@ from ledpi.config.mistakes import explain
 from ledpi.config.values import Coefficient, Finite, SidePx, check_lens, numbers
 from ledpi.core.errors import CalibrationError
 from ledpi.core.files import read_yaml
+from ledpi.core.lens import WIDEST_DEG, blind_part, is_widest
 from ledpi.core.records import CameraInfo, Intrinsics
-from ledpi.kernels.lens import WIDEST_DEG, blind_part, is_widest
 
 _log = logging.getLogger(__name__)
 

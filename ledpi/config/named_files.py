@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ledpi.core.dictionaries import is_file
 from ledpi.core.errors import LedpiError
 from ledpi.core.files import read_text
-from ledpi.markers.dictionaries import is_file
 
 LENS, MAP, DICTIONARY, CERTIFICATES = "lens", "map", "dictionary", "certificates"
 

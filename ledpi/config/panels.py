@@ -11,10 +11,10 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, StrictBool
 
 from ledpi.config.values import Duty, Hertz, MarkerId, Section, SideM, check_cycles_fit
+from ledpi.core.codewords import Dictionary, format_ranges
+from ledpi.core.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec, PanelValues, Phase
-from ledpi.markers.codewords import Dictionary, format_ranges
-from ledpi.markers.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 
 
 def _known_dictionary(name: str) -> str:

@@ -34,11 +34,11 @@ from ledpi.config.values import (
     SidePx,
     Token,
 )
+from ledpi.core.dictionaries import is_file
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_yaml
 from ledpi.core.records import RowsFrom, Transfer
 from ledpi.core.wording import shortened
-from ledpi.markers.dictionaries import is_file
 
 NO_CONFIGURATION = (
     "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml; `ledpi config init` writes one"

@@ -25,7 +25,7 @@ RowsFrom = Literal["above", "below"]
 Phase = Literal["free", "antiphase"]  # between a panel's classes
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "thin_prism", "equidistant"]  # of a lens, as ROS names it
 
-# Each model's coefficients, in OpenCV's order; kernels/lens.c has the equations.
+# Each model's coefficients, in OpenCV's order; lens.c has the equations.
 COEFFICIENTS: Mapping[DistortionModel, tuple[str, ...]] = {
     "plumb_bob": ("k1", "k2", "p1", "p2", "k3"),
     "rational_polynomial": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ledpi.core.geometry import quad_middle, quad_side
 from ledpi.core.records import Floats, Integers
 from ledpi.decode.proposals import Candidate
 
@@ -14,7 +16,10 @@ from ledpi.decode.proposals import Candidate
 # frame, then two, then three, if searches are in vain, as each delays the panels that are there. In a frame that shows
 # none it delays nothing.
 SEARCH_EVERY = 3
-SAME = 0.25  # of the side: candidates whose middles are no further apart, from frame to frame, are in one place
+SAME = 0.25  # of the side: what is no further off from frame to frame, and no larger or smaller, is in one place
+# A place where there was nothing waits for 1, 2, 4 … 32 searches: for three seconds where a panel is followed.
+MOST_REFUSED = 6
+LONGEST = 2 ** (MOST_REFUSED - 1)
 
 # That a frame by itself tries where nothing likely is a panel, as the glance's template is not all panels'.
 UNLIKELY = 2
@@ -31,6 +36,19 @@ def alone(candidates: list[Candidate]) -> list[Candidate]:
     return likely + [one for one in by_evidence if not one.likely][:UNLIKELY]
 
 
+@dataclass(slots=True)
+class _Place:
+    """A place in the picture, and what was tried there."""
+
+    x: float
+    y: float
+    side_px: float
+    turn: int  # in which it was tried last
+    seen: int  # in which there was a candidate last
+    refused: int = 0  # how often, one time after the other
+    until: int = 0  # the turn before which it waits
+
+
 @dataclass(slots=True, eq=False)
 class Agenda:
     """One stream's agenda. Call `is_due` once a frame, then `schedule`, then `tried` for each that was fitted."""
@@ -38,8 +56,7 @@ class Agenda:
     since_search: int = SEARCH_EVERY
     in_vain: int = 0  # searches for panels that are missing, one after the other
     turn: int = 0
-    middles: Floats = field(default_factory=lambda: np.empty((0, 2)))  # of what was tried, (N, 2)
-    turns: Integers = field(default_factory=lambda: np.empty(0, np.int64))  # when, (N,)
+    places: list[_Place] = field(default_factory=list)
 
     @property
     def is_due_next(self) -> bool:
@@ -60,30 +77,62 @@ class Agenda:
             self.turn += 1
         return due
 
-    def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
-        """Those whose turn it is and the likeliest, in alternation: new places, then those tried longest ago.
+    def search_next(self) -> None:
+        """Has the next frame searched, too."""
+        self.since_search = SEARCH_EVERY
 
-        `candidates` come as a frame by itself would try them; of those that are not likely one has its turn. Places
-        without a candidate are forgotten.
+    def schedule(self, candidates: list[Candidate], *, is_urgent: bool) -> list[Candidate]:
+        """Those whose turn it is: new places, the largest first, as texture's are small; then those tried longest ago.
+
+        `candidates` come with the largest first; of those that are not likely one has its turn. Who was refused waits:
+        where it is `is_urgent`, as no panel is followed, until after the others.
         """
+        self.places = [place for place in self.places if self.turn - place.seen <= LONGEST]
         if not candidates:
-            self.middles, self.turns = self.middles[:0], self.turns[:0]
             return []
-        middles = np.array([one.corners_px.mean(axis=0) for one in candidates])
-        sides = np.array([one.side_px for one in candidates])
-        last = np.zeros(len(candidates), np.int64)
-        if len(self.turns):
-            near = np.hypot(*(middles[:, None] - self.middles).transpose(2, 0, 1)) < SAME * sides[:, None]
-            last = np.where(near, self.turns, 0).max(axis=1)
-            kept = near.any(axis=0)
-            self.middles, self.turns = self.middles[kept], self.turns[kept]
-        by_turn = np.argsort(last, kind="stable").tolist()
-        likely = [k for k, one in enumerate(candidates) if one.likely]
-        by_turn = [k for k in by_turn if candidates[k].likely], [k for k in by_turn if not candidates[k].likely]
-        both = [k for pair in zip(by_turn[0], likely, strict=True) for k in pair] + by_turn[1][:1]
-        return [candidates[k] for k in dict.fromkeys(both)]
+        last, until = self._turns(candidates)
+        due = [k for k in np.argsort(last, kind="stable").tolist() if until[k] <= self.turn]
+        order = [k for k in due if candidates[k].likely] + [k for k in due if not candidates[k].likely][:1]
+        if is_urgent:
+            waiting = [k for k in np.argsort(until, kind="stable").tolist() if until[k] > self.turn]
+            order += [k for k in waiting if candidates[k].likely]
+        return [candidates[k] for k in order]
 
-    def tried(self, candidate: Candidate) -> None:
-        """The candidate was fitted in this turn."""
-        self.middles = np.concatenate([self.middles, candidate.corners_px.mean(axis=0)[None]])
-        self.turns = np.append(self.turns, self.turn)
+    def tried(self, candidate: Candidate, *, in_vain: bool) -> None:
+        """The candidate had its turn; `in_vain`: there is no square."""
+        place = self._place_of(candidate.corners_px)
+        place.turn = self.turn
+        place.refused = min(place.refused + 1, MOST_REFUSED) if in_vain else 0
+        place.until = self.turn + 2 ** (place.refused - 1) if in_vain else 0
+
+    def refuse(self, corners_px: Floats) -> None:
+        """Surely no panel is there: its place waits as long as any."""
+        place = self._place_of(corners_px)
+        place.refused, place.until = MOST_REFUSED, self.turn + LONGEST
+
+    def _turns(self, candidates: list[Candidate]) -> tuple[Integers, Integers]:
+        """(candidates,) in which turn their places were tried last, and until which they wait; these move with them."""
+        if not self.places:
+            return np.zeros(len(candidates), np.int64), np.zeros(len(candidates), np.int64)
+        middles = np.array([one.corners_px for one in candidates]).mean(axis=1)
+        sides = np.array([[one.side_px] for one in candidates])
+        x, y, own = np.array([(place.x, place.y, place.side_px) for place in self.places]).T
+        apart = np.maximum(np.hypot(middles[:, :1] - x, middles[:, 1:] - y), np.abs(sides - own)) / sides
+        for place, least, nearest in zip(self.places, apart.min(axis=0), apart.argmin(axis=0), strict=True):
+            if least < SAME:
+                (place.x, place.y), place.side_px, place.seen = middles[nearest].tolist(), sides[nearest, 0], self.turn
+        last, until = (
+            np.where(apart < SAME, numbers, 0).max(axis=1)
+            for numbers in zip(*((place.turn, place.until) for place in self.places), strict=True)
+        )
+        return last, until
+
+    def _place_of(self, corners_px: Floats) -> _Place:
+        """The nearest place, or a new one."""
+        corners = corners_px.tolist()
+        (x, y), side = quad_middle(corners), quad_side(corners)
+        apart = [(max(math.hypot(at.x - x, at.y - y), abs(at.side_px - side)), k) for k, at in enumerate(self.places)]
+        if not apart or not min(apart)[0] < SAME * side:
+            self.places.append(_Place(x, y, side, self.turn, self.turn))
+            return self.places[-1]
+        return self.places[min(apart)[1]]

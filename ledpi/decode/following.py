@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, PanelSpec, Quad, read_only
-from ledpi.decode.model.fit import Fitter
+from ledpi.decode.model.fit import EACH_FIT, Fitter
 from ledpi.decode.model.light import Window
 from ledpi.decode.model.panel import Followed
 from ledpi.decode.model.picture import PanelPicture, mean_of
@@ -97,7 +97,7 @@ class Follower:
             corners=corners_px.reshape(-1).tolist(),
             unknown=picture.unknown,
         )
-        self._fitter.sampled += 0 if found is None else found.sampled
+        self._fitter.sampled += EACH_FIT + (0 if found is None else found.sampled)
         return found
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected, read_only
 from ledpi.decode.evidence.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import band_depth, dimmest
-from ledpi.decode.finding.find import Glancer, LatticeSearcher
+from ledpi.decode.finding.find import MOST_SQUARES, Glancer, LatticeSearcher
 from ledpi.decode.finding.glance import template
 from ledpi.decode.finding.outlines import Finder
 
@@ -21,6 +21,9 @@ DEEP = 0.5  # depth of bands that cut a panel into pieces
 # A frame's candidates may lead to so many fits of what is none: with evidence of ln(N / WASTED) or more, texture gets
 # past in WASTED of N cases at most (Wald 1945).
 WASTED = 1.0
+# What finding costs, in places of a fit: a place for so many pixels, and so many for each candidate that is kept.
+PIXELS_A_PLACE, EACH_CANDIDATE = 15, 300
+AT_ONCE = 64  # candidates that a frame of a stream looks at: no dearer than finding them is
 GAMMA = 2.2  # of grey levels, where they are not linear in light: then a dark band is darker still
 
 
@@ -57,9 +60,12 @@ class Proposer:
         self._outlines = Finder(camera.width, camera.height, smallest_px, cells)
         self._lattices = [LatticeSearcher(camera.height, camera.width, cells) for _ in range(2)]  # one a picture
         self._glancer = Glancer(cells, smallest_px, template(cells))
+        self.sampled = 0  # places that all frames so far have cost
 
-    def propose(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
+    def propose(self, frame: Frame, turn: int | None = None) -> tuple[list[Candidate], list[Rejected]]:
         """Distinct candidates, the largest first, as a texture's are small; and what was dropped.
+
+        A frame of a stream, which has a `turn`, has some of them where there are many; the next frames have the others.
 
         Where bands are deep a glance sees how far their light changes, not where a panel ends: corners stay as found.
         """
@@ -71,8 +77,13 @@ class Proposer:
             found += [searcher.search(self._outlines.pyramid(seen)), outlines.copy()]
             dropped += refused
         pyramid, bridged = self._outlines.pyramid(pictures[0]), None if band_rows is None else frame.pixels
-        looked = self._glancer.look(pyramid, found, bridged, dimmest(frame, self._specs) ** (1.0 / GAMMA))
+        dimmed, at_once = (
+            dimmest(frame, self._specs) ** (1.0 / GAMMA),
+            MOST_SQUARES if turn is None else AT_ONCE,
+        )
+        looked = self._glancer.look(pyramid, found, bridged, dimmed, at_once=at_once, turn=turn or 1)
         corners, sides, evidence = (each.copy() for each in looked)
+        self.sampled += len(pictures) * frame.pixels.size // PIXELS_A_PLACE + EACH_CANDIDATE * len(sides)
         unlikely = math.log(max(len(sides), 1) / WASTED)
         return [
             Candidate(read_only(at), side, band_rows or 0, nats)

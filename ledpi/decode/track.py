@@ -88,11 +88,12 @@ class Track:
     fits: tuple[Floats, ...] = ()  # unknowns of the last ones, while it was read
     picture: PanelPicture | None = None  # that it is followed by, once there were enough
     waits: bool = False  # the frame had no time for it: the next one is to show it
+    is_none: bool = False  # surely no panel: it ends with the frame
 
     @property
     def place(self) -> Place:
         """The square's."""
-        return _place(self.state.corners_px)
+        return place_of(self.state.corners_px)
 
 
 class Tracker:
@@ -105,7 +106,7 @@ class Tracker:
 
     def begin_frame(self, now_ns: int) -> None:
         """Starts a frame. Tracks end after MAX_GAP_NS without their square, and all end where time does not advance."""
-        self._tracks = [t for t in self._tracks if 0 < now_ns - t.state.seen_ns <= MAX_GAP_NS]
+        self._tracks = [t for t in self._tracks if 0 < now_ns - t.state.seen_ns <= MAX_GAP_NS and not t.is_none]
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
     def read_tracks(self) -> list[Track]:
@@ -117,15 +118,18 @@ class Tracker:
         return sorted(known, key=lambda t: t.state.seen_ns)
 
     def unread_tracks(self) -> list[Track]:
-        """The tracks of other squares of the last frame, which may become panels; the newest first.
+        """The tracks of other squares, which may become panels: of the last frame, or it had no time for them.
+
+        The longest unseen first, and of those the newest.
 
         A square that overlaps a panel is a part of it, or its surroundings. One that many frames have shown without a
         reading is a lamp or a window.
         """
         seen = [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._now_ns]
-        self._tracks = [t for t in self._tracks if t in seen or not any(_overlap(t.place, p.place) for p in seen)]
-        others = [t for t in self._tracks if not t.history.identity and t.state.seen_ns == self._before_ns]
-        return [t for t in reversed(others) if t.history.frames < FOLLOWED_FRAMES.get(t.history.state, math.inf)]
+        self._tracks = [t for t in self._tracks if t in seen or not any(overlap(t.place, p.place) for p in seen)]
+        others = [t for t in self._tracks if not t.history.identity and (t.waits or t.state.seen_ns == self._before_ns)]
+        followed = [t for t in reversed(others) if t.history.frames < FOLLOWED_FRAMES.get(t.history.state, math.inf)]
+        return sorted(followed, key=lambda t: t.state.seen_ns)
 
     def continue_track(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The quad that was fitted at the track's prediction, in the track's order; None if it cannot be the track's.
@@ -136,7 +140,7 @@ class Tracker:
             return None
         if quad.residual > WORSE * track.state.residual:
             return None
-        (centre, side), seen = _place(quad.corners_px), [t for t in self._tracks if t.state.seen_ns == self._now_ns]
+        (centre, side), seen = place_of(quad.corners_px), [t for t in self._tracks if t.state.seen_ns == self._now_ns]
         if any(math.dist(centre, at) < SAME * side > abs(side - of) for at, of in (t.place for t in seen)):
             self._tracks.remove(track)
             return None
@@ -146,16 +150,21 @@ class Tracker:
         """For each panel that was read, and had its turn, whether this frame has shown it."""
         return [t.state.seen_ns == self._now_ns for t in self._tracks if t.history.identity and not t.waits]
 
+    def missing_px(self) -> list[Floats]:
+        """(4, 2) each, the predicted corners of the panels that were read and that this frame has not shown."""
+        unseen = [t for t in self._tracks if t.history.last is not None and t.state.seen_ns != self._now_ns]
+        return [t.state.predicted_px(self._now_ns) for t in unseen]
+
     def is_followed(self, corners_px: Floats, within: float = SAME_CELLS) -> bool:
         """Tells whether a square with these corners (4, 2) belongs to a track that this frame has shown, or that waits.
 
         There is no second panel where one was read. A square that was not read may be a part of a panel, or more than
         it: it excludes only squares whose corners are no further apart than `within`, in cells.
         """
-        place, corners = _place(corners_px), corners_px.tolist()
+        place, corners = place_of(corners_px), corners_px.tolist()
         same = within / self._cells
         return any(
-            (t.history.identity is not None and _overlap(place, t.place))
+            (t.history.identity is not None and overlap(place, t.place))
             or corners_apart(corners, t.state.corners_px.tolist()) < same * t.place[1]
             for t in self._tracks
             if t.waits or t.state.seen_ns == self._now_ns
@@ -167,8 +176,8 @@ class Tracker:
         None for what this frame has shown before. Panels hide what is behind them, so of two squares about one middle
         that stays which leaves less; but a smaller one drops no larger one, as each of a panel's cells is even.
         """
-        place = _place(quad.corners_px)
-        rivals = [t for t in self._tracks if t.state.seen_ns == self._now_ns and _overlap(place, t.place)]
+        place = place_of(quad.corners_px)
+        rivals = [t for t in self._tracks if t.state.seen_ns == self._now_ns and overlap(place, t.place)]
         at_most, at_least = place[1] * MAX_GROWTH, place[1] / MAX_GROWTH
         is_beaten = any(t.place[1] > at_least and quad.residual >= t.state.residual for t in rivals)
         if self.is_followed(quad.corners_px) or is_beaten:
@@ -191,11 +200,11 @@ class Tracker:
         return quad
 
 
-def _overlap(one: Place, other: Place) -> bool:
+def overlap(one: Place, other: Place) -> bool:
     return math.dist(one[0], other[0]) < OVERLAP * max(one[1], other[1])
 
 
-def _place(corners_px: Floats) -> Place:
+def place_of(corners_px: Floats) -> Place:
     corners = corners_px.tolist()
     return quad_middle(corners), quad_side(corners)
 

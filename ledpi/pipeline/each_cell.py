@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from ledpi.core.codewords import Bits
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codewords import class_flip_gain
-from ledpi.markers.codewords import Bits
 from ledpi.pipeline.trace import SquareTrace
 
 FREE_PARAMETERS = 4  # of the bands of two frequencies: cosine and sine of each

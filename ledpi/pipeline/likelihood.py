@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 from ledpi.config.panels import PanelSettings
+from ledpi.core.codewords import corners_of_turned, covariance_of_turned
+from ledpi.core.geometry import quad_side
 from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
 from ledpi.decode.agenda import Agenda, alone
 from ledpi.decode.evidence.cells import sample_cells
@@ -23,16 +26,17 @@ from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Outcome, Reader
 from ledpi.decode.states import Event
-from ledpi.decode.track import CONTRADICTED, SAME_CELLS, SAME_PLACE, SAME_START, Track, Tracker
-from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
+from ledpi.decode.track import CONTRADICTED, SAME_CELLS, SAME_PLACE, SAME_START, Track, Tracker, overlap, place_of
 from ledpi.pipeline.results import Results
 from ledpi.pipeline.trace import SquareTrace
 
-# What a frame may spend, in places at which the model is compared with the picture (a quarter of a microsecond each on
-# a PC; most candidates take 1,000, a new panel 30,000, one that is followed 5,000): about a frame period in a stream,
-# which takes up in the next frame what is left; no more is to come where a frame is alone.
-STREAM_BUDGET, SINGLE_BUDGET = 150_000, 1_000_000
+# What a frame may spend in all stages, in places at which a fit compares its model with the picture (.2 µs each on a
+# PC; finding takes 20,000 and more, most candidates 10,000, a new panel 100,000, one that is followed 20,000): a frame
+# period in a stream, which takes up in the next frame what is left; no more is to come where a frame is alone.
+STREAM_BUDGET, SINGLE_BUDGET = 150_000, 2_000_000
 SEARCH_SHARE = 0.25  # of it, in a frame in which a search is due: panels that are followed leave it so much at least
+EACH_READ, READING = 3000, 15_000  # places that reading a panel costs beside its looks, and with them
+OTHERS = 0.5  # share of it that others have beside panels that are followed, which are to be shown soon again
 NO_TIME = Rejected(stage="track", reason="no_time")  # for a panel in this frame: the next one begins with it
 
 Groups: TypeAlias = Sequence[tuple[PanelSpec, list[int]]]  # of IDs that blink alike
@@ -58,6 +62,7 @@ class LikelihoodPath:
         self._proposer = Proposer(camera, self._cells, self._specs)
         self._locator = Locator(self._cells, self._specs, intrinsics, must_blink=not panels.search_frequencies)
         self.search_budget = STREAM_BUDGET if stream else SINGLE_BUDGET
+        self._reads = 0  # squares that were compared with codewords
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
         self.forget()
 
@@ -67,8 +72,8 @@ class LikelihoodPath:
 
     @property
     def spent(self) -> int:
-        """On all fits so far, those that followed panels too, as the budget counts it."""
-        return self._locator.spent
+        """On all stages so far, those that followed panels too, as the budget counts it."""
+        return self._locator.spent + self._proposer.sampled + self._weigher.sampled + self._reads * EACH_READ
 
     def read(self, frame: Frame, work: Results) -> Iterator[list[Detection]]:
         """propose → fit → track → cells → identify, by the likeliest codeword of all cells together.
@@ -78,22 +83,24 @@ class LikelihoodPath:
         if not self._stream:
             self.forget()
         self._tracker.begin_frame(frame.row0_readout_ns)
-        most = self._locator.spent + self.search_budget
+        most = self.spent + self.search_budget
         reserved = int(SEARCH_SHARE * self.search_budget) if self._agenda.is_due_next else 0
         yield self._identify(frame, self._follow(frame, self._tracker.read_tracks(), most - reserved, work), work)
+        if is_followed := any(self._tracker.panels_shown()):
+            most = min(most, self.spent + int(OTHERS * self.search_budget))
         for track in self._tracker.unread_tracks():
-            if self._locator.spent >= most:
-                break
-            yield self._identify(frame, self._follow(frame, [track], most, work), work)
+            track.waits = self.spent >= most - reserved
+            if not track.waits:
+                yield self._identify(frame, self._follow(frame, [track], most - reserved, work), work)
         if self._agenda.is_due(self._tracker.panels_shown()):
-            yield from self._search(frame, most, work)
+            yield from self._search(frame, most, work, is_urgent=not is_followed)
 
     def _follow(self, frame: Frame, tracks: list[Track], most: int, work: Results) -> list[_Observed]:
         """The squares at their tracks' predictions, until `most` is spent; what is not there is left to a search."""
         start = time.perf_counter()
-        followed = []
+        followed = list[tuple[Quad, Track]]()
         for track in tracks:
-            track.waits = self._locator.spent >= most
+            track.waits = self.spent + READING * len(followed) >= most
             if track.waits:
                 work.reject(track.state.corners_px, NO_TIME)
                 continue
@@ -115,7 +122,7 @@ class LikelihoodPath:
             return self._locator.localise(frame, at), None
         return self._locator.refine(frame, at, known), None
 
-    def _search(self, frame: Frame, most: int, work: Results) -> Iterator[list[Detection]]:
+    def _search(self, frame: Frame, most: int, work: Results, *, is_urgent: bool) -> Iterator[list[Detection]]:
         """The panels that candidates lead to, while less than `most` is spent.
 
         In a frame that is alone what its even fit explains no better than a lattice that is off waits for the others:
@@ -123,12 +130,14 @@ class LikelihoodPath:
         """
         proposed, is_read = self._propose(frame, work), False
         waiting: list[tuple[Fitted, Candidate]] = []
-        for candidate in self._agenda.schedule(proposed) if self._stream else alone(proposed):
-            if self._locator.spent >= most or (is_read and not self._stream and not candidate.likely):
+        most = max(most, self.spent + 1)  # one is tried in any case
+        for candidate in self._in_order(proposed, is_urgent=is_urgent):
+            if self.spent >= most or (is_read and not self._stream and not candidate.likely):
+                if is_read:
+                    self._agenda.search_next()  # where there is one panel there may be more
                 break
             if self._tracker.is_followed(candidate.corners_px, SAME_CELLS if candidate.dark_rows else SAME_START):
                 continue
-            self._agenda.tried(candidate)
             fit = self._begin(frame, candidate.corners_px, work)
             if isinstance(fit, Fitted):
                 if self._stream or fit.explained >= MIN_EXPLAINED_HIDDEN:
@@ -136,9 +145,21 @@ class LikelihoodPath:
                     is_read = is_read or bool(found)
                 else:
                     waiting.append((fit, candidate))
+            in_vain = not self._tracker.is_followed(candidate.corners_px, SAME_START)
+            self._agenda.tried(candidate, in_vain=in_vain)
         for fit, candidate in sorted(waiting, key=lambda one: -one[0].explained):
-            if self._locator.spent < most and not self._tracker.is_followed(fit.corners_px):
+            if self.spent < most and not self._tracker.is_followed(fit.corners_px):
                 yield self._finish(frame, self._with_ends_moved(frame, fit, candidate, work), work)
+
+    def _in_order(self, proposed: list[Candidate], *, is_urgent: bool) -> list[Candidate]:
+        """The candidates in the order in which they are tried: in a stream first where a panel is missing."""
+        if not self._stream:
+            return alone(proposed)
+        missing = [Candidate(at, quad_side(at.tolist())) for at in self._tracker.missing_px()]
+        places = [place_of(one.corners_px) for one in missing]
+        first = [one.likely and any(overlap(place_of(one.corners_px), at) for at in places) for one in proposed]
+        others = [one for one, is_first in zip(proposed, first, strict=True) if not is_first]
+        return [*missing, *itertools.compress(proposed, first), *self._agenda.schedule(others, is_urgent=is_urgent)]
 
     def _with_ends_moved(self, frame: Frame, fit: Fitted, candidate: Candidate, work: Results) -> Fitted:
         """The best even fit at a candidate or with its ends moved, as one of them may be in a dark band.
@@ -157,7 +178,7 @@ class LikelihoodPath:
 
     def _propose(self, frame: Frame, work: Results) -> list[Candidate]:
         start = time.perf_counter()
-        candidates, dropped = self._proposer.propose(frame)
+        candidates, dropped = self._proposer.propose(frame, self._agenda.turn if self._stream else None)
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
@@ -210,6 +231,7 @@ class LikelihoodPath:
         for quad, track, seen in observed:
             was_read = track.history.identity is not None
             outcome = self._reader.read(track.history, seen)
+            self._reads += 1
             track.history = outcome.history
             if outcome.event is Event.CONTRADICTS:
                 work.reject(quad.corners_px, CONTRADICTED)
@@ -217,6 +239,9 @@ class LikelihoodPath:
                 work.trace.squares += self._traced(frame, quad, seen, outcome)
             if isinstance(outcome.identity, Rejected):
                 work.reject(quad.corners_px, outcome.identity)
+                if outcome.identity == decision.STEADY and track.history.last is None and not self._searches:
+                    track.is_none = True
+                    self._agenda.refuse(quad.corners_px)
                 continue
             if not was_read:  # what was not may have been fitted a part of a cell beside
                 track.state = track.state.forget_velocity()

@@ -10,7 +10,7 @@ from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.observation import Observation
 from ledpi.decode.proposals import Candidate
-from ledpi.uemura.reader import Steps
+from ledpi.decode.uemura import Steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
+from ledpi.core.codewords import Dictionary
 from ledpi.core.records import Detection, Frame, Rejected
-from ledpi.markers.codewords import Dictionary
+from ledpi.decode.uemura import NO_SQUARE, UemuraReader
 from ledpi.pipeline.likelihood import Groups
 from ledpi.pipeline.results import Results
-from ledpi.uemura.reader import NO_SQUARE, UemuraReader
 
 
 class UemuraPath:

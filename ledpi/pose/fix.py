@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ledpi.core.geometry import inverse, matrix_from_quaternion, quad_side, quaternion_from_matrix, transform
+from ledpi.core.lens import projected
 from ledpi.core.records import (
     Floats,
     Frame,
@@ -25,7 +26,6 @@ from ledpi.core.records import (
     read_only,
 )
 from ledpi.core.shutter import row_mid_exposure_ns
-from ledpi.kernels.lens import projected
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.pose.corners import centre_px, corners_at, whiteners
 from ledpi.pose.fix_history import Candidate, FixHistory, distance2

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion, quad_side, quaternion_from_matrix, rotation_angle_deg
+from ledpi.core.lens import projected
 from ledpi.core.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
-from ledpi.kernels.lens import projected
 from ledpi.pose import solver
 from ledpi.pose.corners import whiteners
 from ledpi.pose.refine import STOP

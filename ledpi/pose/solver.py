@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ledpi.core.lens import lens_of
+from ledpi.core.library import doubles, lib, pointer
 from ledpi.core.records import Floats, Intrinsics, Mask
-from ledpi.kernels.lens import lens_of
-from ledpi.kernels.library import doubles, lib, pointer
 
 FIT = 49  # numbers: rotation, position, chi2, covariance
 # Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.

@@ -16,7 +16,8 @@ from ledpi.core.records import MAX_GAP_NS, Floats
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.state.filter import GATE, MIRROR_LEAD, Filter, Innovation
 from ledpi.state.inputs import Look, wrapped
-from ledpi.state.motion import OWN, POSE, SPEED, YAW, Step
+from ledpi.state.motion import POSE, SPEED, YAW, Step
+from ledpi.state.trust import Trust
 
 MISPLACED = 0.5**2  # variance, m² and rad², of how far off a panel is that was hung or measured wrong
 AGREES = -EXCLUDED_BY / 2  # χ² by which a look says that its panel hangs right, and no other way
@@ -29,7 +30,7 @@ class Event:
     """Something that somebody should know of."""
 
     t_ns: int
-    kind: Literal["panel_moved", "relocalised", "map_contradicts"]
+    kind: Literal["panel_moved", "relocalised", "map_contradicts", "odometry_contradicts"]
     panel: int
 
 
@@ -94,6 +95,7 @@ class Judge:
     empty: Filter  # to begin with
     belief: Belief
     rival: Rival | None = None
+    trust: Trust = field(default_factory=Trust)
     moved: dict[int, int] = field(default_factory=dict)  # who hangs elsewhere, and looks at each that agree after all
     contradicting: frozenset[int] = frozenset()
     relocalisations: int = 0
@@ -103,10 +105,13 @@ class Judge:
 
     def copy(self) -> Judge:
         rival = None if self.rival is None else self.rival.copy()
-        return replace(self, belief=self.belief.copy(), rival=rival, moved=self.moved.copy())
+        return replace(self, belief=self.belief.copy(), rival=rival, trust=self.trust.copy(), moved=self.moved.copy())
 
     def propagate(self, step: Step) -> None:
-        """Moves both."""
+        """Moves both; without odometry, if it contradicts the panels."""
+        self.trust.moved = self.trust.moved.after(step)
+        if self.trust.is_lost:
+            step = Step(step.dt_s)
         self.belief.filter.propagate(step)
         self.way_m += abs(float(self.belief.filter.x[SPEED]) * step.dt_s)  # the speed is the step's, if it was measured
         if self.rival is not None:
@@ -116,6 +121,10 @@ class Judge:
 
     def hear(self, look: Look) -> None:
         """Takes a look into account."""
+        if self.trust.hear(look, self.belief.filter.contradicts_odometry):
+            self.belief, self.rival, self.moved = Belief(self.empty.copy()), None, {}
+            self.relocalisations += 1
+            self._tell(Event(look.t_ns, "odometry_contradicts", look.panel))
         belief, panel = self.belief, look.panel
         if not belief.filter.has_pose:
             if look.alternate is None and panel not in self.moved:
@@ -203,8 +212,7 @@ class Judge:
         if look.alternate is None:
             own, agreed = self.belief, look.panel in self.belief.witnesses
             belief = Belief((own.filter if agreed and len(own.witnesses) >= 2 else self.empty).copy())
-            belief.filter.x[POSE:OWN] = own.filter.x[POSE:OWN]
-            belief.filter.P[POSE:OWN, POSE:OWN] = own.filter.P[POSE:OWN, POSE:OWN]
+            belief.filter.move_like(own.filter)
             belief.start(look)
             self.rival = Rival(belief, look.panel, look.t_ns, agreed)
 

@@ -13,6 +13,8 @@ from copy import copy
 from dataclasses import dataclass
 from operator import attrgetter
 
+import numpy as np
+
 from ledpi.core.records import Floats, MarkerPose, Rejected, read_only
 from ledpi.pose.panel_map import PanelMap
 from ledpi.state.belief import Belief, Event, Judge
@@ -109,7 +111,7 @@ class Estimator:
     def __init__(self, panels: PanelMap, base_from_camera: Floats, noise: OdometryNoise | None = None) -> None:
         noise = noise or OdometryNoise()
         self._panels, self._base_from_camera = panels, base_from_camera
-        empty = Filter(panels, (float(base_from_camera[0, 3]), float(base_from_camera[1, 3])), noise)
+        empty = Filter(panels, (float(base_from_camera[0, 3]), float(base_from_camera[1, 3])))
         self._head = Head(Judge(empty, Belief(empty.copy())), noise)
         self._inputs: list[Input] = []
         self._keys: list[tuple[int, int]] = []  # of each: its time; -1 of odometry, else the panel
@@ -136,7 +138,10 @@ class Estimator:
         return self._add(odometry, now_ns)
 
     def at(self, t_ns: int) -> State | Rejected:
-        """The state at a time, or at that of the newest input where that is later; nothing changes by it."""
+        """The state at a time, or at that of the newest input where that is later; nothing changes by it.
+
+        Raises FloatingPointError where that is no number.
+        """
         head = self._head.copy()
         if head.t_ns is None:
             return NOT_STARTED
@@ -150,6 +155,8 @@ class Estimator:
         if not own.has_pose:
             return NOT_STARTED
         pose, covariance = judge.report()
+        if not (np.isfinite(pose).all() and np.isfinite(covariance).all()):
+            raise FloatingPointError(f"the state is no number: {pose} {covariance.diagonal()}")
         return State(
             t_ns=head.t_ns,
             pose=read_only(pose),
@@ -158,7 +165,7 @@ class Estimator:
             turn_rad_s=float(own.x[TURN]),
             panel_ns=judge.used_ns,
             way_m=judge.way_m,
-            by_odometry=head.last is not None and head.t_ns - head.last.t_ns <= SILENT_NS,
+            by_odometry=head.last is not None and head.t_ns - head.last.t_ns <= SILENT_NS and not judge.trust.is_lost,
             panels=len(own.slots),
             contested=judge.rival is not None,
             moved=tuple(sorted(judge.moved)),

@@ -16,8 +16,8 @@ import numpy as np
 
 from ledpi.core.records import Floats
 from ledpi.pose.panel_map import PanelMap
-from ledpi.state.inputs import Look, OdometryNoise, wrapped
-from ledpi.state.motion import GYRO_PRIORS, OWN, POSE, WHEEL_PRIORS, YAW, Step, X, Y, propagate
+from ledpi.state.inputs import Look, wrapped
+from ledpi.state.motion import DRIFT, OWN, POSE, PRIORS, WAY_SCALE, YAW, YAW_SCALE, Step, X, Y, propagate
 
 DX, DY, DYAW, RANGE = range(4)
 EACH, MOST_PANELS = 4, 8
@@ -55,12 +55,12 @@ class _Slot:
 class Filter:
     """State and covariance, changed in place. `seat`: x and y of base_link_from_camera."""
 
-    def __init__(self, panels: PanelMap, seat: tuple[float, float], noise: OdometryNoise) -> None:
+    def __init__(self, panels: PanelMap, seat: tuple[float, float]) -> None:
         self._places = {i: tuple(p.map_from_marker[:2, 3].tolist()) for i, p in panels.items()}
         self._deviations = {i: (p.position_sigma_m, p.angle_sigma_rad) for i, p in panels.items()}
         self._seat, self.slots, self.has_pose = seat, dict[int, _Slot](), False
-        priors = GYRO_PRIORS if noise.base_m is None else WHEEL_PRIORS
-        self.x, self.P = np.zeros(SIZE), np.diag(np.square([*priors, *[0.0] * (SIZE - OWN)]))
+        self._turn_priors: tuple[float, float] | None = None  # of what measures the yaw, since it does
+        self.x, self.P = np.zeros(SIZE), np.diag(np.square([*PRIORS, *[0.0] * (SIZE - OWN)]))
 
     def copy(self) -> Filter:
         other = copy(self)
@@ -75,7 +75,18 @@ class Filter:
     def covariance(self) -> Floats:
         return self.P[:POSE, :POSE].copy()
 
+    def move_like(self, other: Filter) -> None:
+        """Takes over what another knows of the motion and of odometry."""
+        self._turn_priors = other._turn_priors
+        self.x[POSE:OWN] = other.x[POSE:OWN]
+        self.P[POSE:OWN, POSE:OWN] = other.P[POSE:OWN, POSE:OWN]
+
     def propagate(self, step: Step) -> None:
+        if step.turn_rad is not None and step.turn_priors != self._turn_priors:  # a drift of what measured it before
+            self._turn_priors = step.turn_priors
+            for at, deviation in zip((DRIFT, YAW_SCALE), step.turn_priors, strict=True):
+                self.x[at], self.P[at], self.P[:, at] = 0.0, 0.0, 0.0
+                self.P[at, at] = deviation**2
         propagate(self.x, self.P, step)
         if self.P[X, X] + self.P[Y, Y] > LOST_M**2 or self.P[YAW, YAW] > LOST_RAD**2:
             self.has_pose = False
@@ -129,6 +140,14 @@ class Filter:
         """Tells whether a panel's place or share is beyond what the priors allow."""
         slot = self.slots[panel]
         return bool((np.abs(self.x[slot.at : slot.at + EACH]) > CONTRADICTS * slot.priors).any())
+
+    @property
+    def contradicts_odometry(self) -> bool:
+        """Tells whether a scale is beyond what its prior allows."""
+        yaw = math.inf if self._turn_priors is None else self._turn_priors[1]
+        return bool(
+            abs(self.x[WAY_SCALE]) > CONTRADICTS * PRIORS[WAY_SCALE] or abs(self.x[YAW_SCALE]) > CONTRADICTS * yaw
+        )
 
     def _predict(self, panel: int, at: int) -> tuple[Floats, Floats]:
         """The look at a panel that is predicted, and its slopes by x, y, yaw and the panel's four.

@@ -25,7 +25,7 @@ LEAST_HEADING_RAD = math.radians(0.1)
 class OdometryNoise:
     """Errors of odometry: standard deviations, those of a random walk per root of what it grows with."""
 
-    base_m: float | None = None  # between the wheels; needed only where no gyro turns
+    base_m: float | None = None  # between the wheels; needed only where no gyro tells the yaw
     way_per_m: float = 0.02  # m/√m of each wheel: 3 % of slip that lasts 0.5 s, at 0.5 m/s
     yaw_per_m: float = math.radians(0.1)  # rad/√m, bumps; what wheels slip is counted from `way_per_m`
     yaw_per_s: float = math.radians(0.1)  # rad/√s of a gyro
@@ -110,6 +110,8 @@ def split_noise(value: Floats, stated: Floats, camera_xy: Floats, height_m: floa
     In axes along the ray, across it, and heading: D·stated·D, where D scales each deviation to its new part.
     """
     ray = value[:2] - camera_xy
+    if not ray.any():  # right above the camera all directions are alike
+        ray = np.array([1e-6, 0.0])
     distance = math.hypot(*ray)
     axes = np.eye(3)
     axes[0, :2] = ray / distance

@@ -17,10 +17,10 @@ from ledpi.state.inputs import Odometry, OdometryNoise, wrapped
 X, Y, YAW, SPEED, TURN, DRIFT, WAY_SCALE, YAW_SCALE = range(8)
 POSE, OWN = 3, 8
 
-# Deviations before anything is known, but the pose's: of the velocity m/s and rad/s; of the drift rad/s of a gyro, or
-# rad/m of wheels 0.3 m apart whose diameters differ by 0.4 %; of the scales.
-GYRO_PRIORS = 0.0, 0.0, 0.0, 1.0, 1.5, math.radians(0.6), 0.02, 0.012
-WHEEL_PRIORS = 0.0, 0.0, 0.0, 1.0, 1.5, 0.015, 0.02, 0.03
+# Deviations before anything is known, but the pose's: of the velocity m/s and rad/s, and of the way's scale.
+PRIORS = 0.0, 0.0, 0.0, 1.0, 1.5, 0.0, 0.02, 0.0
+# … of the yaw's drift and scale: rad/s of a gyro; rad/m of wheels 0.3 m apart whose diameters differ by 0.4 %.
+GYRO_PRIORS, WHEEL_PRIORS = (math.radians(0.6), 0.012), (0.015, 0.03)
 MEASURED_SPEED, MEASURED_TURN = 0.05, 0.05  # m/s, rad/s: steps of encoders, and what changes within a message
 DRIFT_WALK = math.radians(0.01)  # rad/s/√s
 ACCELERATIONS = 0.8, 2.0  # m/s/√s, rad/s/√s: without odometry the velocity walks
@@ -39,6 +39,7 @@ class Step:
     way_variance: float = 0.0
     yaw_variance: float = 0.0
     drifts_with: float = 0.0  # s or m: what the yaw's drift is a rate of
+    turn_priors: tuple[float, float] = GYRO_PRIORS  # of what measured the turn
 
 
 def are_linked(one: Odometry, two: Odometry) -> bool:
@@ -60,24 +61,25 @@ def step_between(one: Odometry, two: Odometry, noise: OdometryNoise) -> Step:
     """The motion between two totals.
 
     Each wheel slips by itself: its way's variance is way_per_m²·|way|. The mean of two has a quarter of both, and a yaw
-    of wheels both over base_m², turning on the spot too.
+    of wheels both over base_m², turning on the spot too. A gyro says more of the yaw than wheels do.
     """
     dt_s = (two.t_ns - one.t_ns) * 1e-9
     both = zip(one.totals, two.totals, strict=True)
     left, right, yaw = (None if a is None or b is None else b - a for a, b in both)
     way = turn = None
+    priors = GYRO_PRIORS
     way_variance = yaw_variance = drifts_with = 0.0
     if left is not None and right is not None and not two.slipping:
         slipped = noise.way_per_m**2 * (abs(left) + abs(right))
         way, way_variance = (left + right) / 2, slipped / 4
         yaw_variance = noise.yaw_per_m**2 * abs(way)
-        if noise.base_m is not None:
-            turn, drifts_with = (right - left) / noise.base_m, way
+        if noise.base_m is not None and yaw is None:
+            turn, drifts_with, priors = (right - left) / noise.base_m, way, WHEEL_PRIORS
             yaw_variance += slipped / noise.base_m**2
-    if noise.base_m is None and yaw is not None:
+    if yaw is not None:
         turn, drifts_with = yaw, dt_s
         yaw_variance += noise.yaw_per_s**2 * dt_s
-    return Step(dt_s, way, turn, way_variance, yaw_variance, drifts_with)
+    return Step(dt_s, way, turn, way_variance, yaw_variance, drifts_with, priors)
 
 
 def propagate(x: Floats, P: Floats, step: Step) -> None:

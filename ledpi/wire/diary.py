@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, TypeAlias
 from pydantic import BaseModel, ConfigDict, model_validator
 from typing_extensions import Self
 
+from ledpi.camera.recording.format import read_lines
 from ledpi.core.errors import WireError
 from ledpi.core.records import MarkerPose, Rejected
-from ledpi.recording.format import read_lines
 from ledpi.state.estimator import State
 from ledpi.state.inputs import Odometry
 from ledpi.wire.codec import FROM_CONTROLLER

@@ -6,6 +6,7 @@ Times are of CLOCK_MONOTONIC.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 from ledpi.config.odometry import OdometrySettings
@@ -49,18 +50,42 @@ class Told:
     now_ns: int
 
 
+FAILED = Rejected(stage="state", reason="failed")
 Input: TypeAlias = Seen | Heard | Asked | Told
 
 
 class Keeper:
-    """The estimator, and the controller's clock."""
+    """The estimator, and the controller's clock. Where the estimator fails it begins anew: poses need no state."""
 
     def __init__(self, robot: Robot, odometry: OdometrySettings, baud: int) -> None:
-        self._estimator = Estimator(robot.panels or {}, robot.base_link_from_camera, odometry.noise)
+        self._new_estimator = partial(Estimator, robot.panels or {}, robot.base_link_from_camera, odometry.noise)
+        self._estimator = self._new_estimator()
         self._controller = Controller(baud)
+        self.failure: Exception | None = None  # the last
 
     def take(self, what: Input) -> tuple[Rejected, ...]:
         """Takes what came. Returns why parts of it tell nothing."""
+        try:
+            return self._take(what)
+        except Exception as error:
+            return (self._begin_anew(error),)
+
+    def at(self, t_ns: int) -> State | Rejected:
+        """As the estimator's."""
+        try:
+            return self._estimator.at(t_ns)
+        except Exception as error:
+            return self._begin_anew(error)
+
+    def clock_us(self, t_ns: int) -> int | None:
+        """The controller's clock at one of our times; None: not known."""
+        return self._controller.clock.to_us(t_ns)
+
+    def _begin_anew(self, error: Exception) -> Rejected:
+        self.failure, self._estimator = error, self._new_estimator()
+        return FAILED
+
+    def _take(self, what: Input) -> tuple[Rejected, ...]:
         match what:
             case Seen():
                 return self._estimator.add_markers(what.markers, what.now_ns)
@@ -73,11 +98,3 @@ class Keeper:
                 told = self._controller.take(what.message, what.now_ns)
         rejected = self._estimator.add_odometry(told, what.now_ns) if isinstance(told, Odometry) else told
         return () if rejected is None else (rejected,)
-
-    def at(self, t_ns: int) -> State | Rejected:
-        """As the estimator's."""
-        return self._estimator.at(t_ns)
-
-    def clock_us(self, t_ns: int) -> int | None:
-        """The controller's clock at one of our times; None: not known."""
-        return self._controller.clock.to_us(t_ns)

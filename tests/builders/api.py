@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ledpi import Lens
+from ledpi.camera.simulate.scene import SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, still_scene
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.records import Frame, PanelSpec, Pixels
-from ledpi.simulate.scene import SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, still_scene
 
 INTRINSICS = ov5647_lens()
 LENS = Lens.from_matrix(INTRINSICS.matrix(), INTRINSICS.distortion, size=(640, 480))

@@ -7,9 +7,9 @@ from functools import cache
 import cv2
 import numpy as np
 
+from ledpi.core.lens import undistort
 from ledpi.core.records import Floats, Intrinsics, Pixels
-from ledpi.kernels.lens import undistort
-from ledpi.tools.calibrate.boards import TEXELS, Board, BoardView
+from ledpi.workshop.calibrate.boards import TEXELS, Board, BoardView
 
 BOARD = Board(columns=6, rows=5)
 LENS = Intrinsics(width=640, height=480, fx=600, fy=604, cx=326, cy=234, distortion=(-0.25, 0.09, 0.001, -0.0005, 0))

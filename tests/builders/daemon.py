@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 
 from ledpi.camera.base import Camera
+from ledpi.camera.recording.writer import RecordingWriter
+from ledpi.camera.simulate.scene import Room, SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, still_scene
 from ledpi.camera.simulated import SimulatedCamera, open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues
-from ledpi.recording.writer import RecordingWriter
-from ledpi.runtime.daemon import Daemon
-from ledpi.simulate.scene import Room, SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, still_scene
-from ledpi.tap.server import Tap
+from ledpi.daemon.daemon import Daemon
+from ledpi.daemon.tap.server import Tap
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage
 from tests.builders import ROOT
 from tests.builders.waiting import killed_if_late, limit_s, wait_until

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ledpi.camera.simulate.scene import Light, Panel, Room, Scene
+from ledpi.camera.simulate.scenes import still_scene
+from ledpi.camera.simulate.trajectory import Still, facing_camera
 from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.config.settings import Config, load_config
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import PanelValues
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import Light, Panel, Room, Scene
-from ledpi.simulate.scenes import still_scene
-from ledpi.simulate.trajectory import Still, facing_camera
 
 DICTIONARY = "DICT_4X4_50"
 WORD = load_dictionary(DICTIONARY).codeword(11)

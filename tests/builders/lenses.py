@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.records import DistortionModel, Floats, Intrinsics
-from ledpi.tools.calibrate.boards import Board, BoardView
+from ledpi.workshop.calibrate.boards import Board, BoardView
 
 BOARD = Board(columns=8, rows=6)
 

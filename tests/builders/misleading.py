@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 
 from evaluation.simulated import BuiltAppearance
+from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.scene import Light, Panel, Room, Scene, SimulatedSensor, SquareWave, uneven_gains
+from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
+from ledpi.camera.simulate.sensor import sensor_info
+from ledpi.camera.simulate.trajectory import Gliding, Still, facing_camera, rotation
 from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.records import Floats, MarkerPose, Pose
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Light, Panel, Room, Scene, SimulatedSensor, SquareWave, uneven_gains
-from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.trajectory import Gliding, Still, facing_camera, rotation
 from tests.builders.decode import panel_settings
 from tests.builders.simulate import SPEC, load_dictionary
 

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.simulated import TracedWave
+from ledpi.camera.recording.writer import RecordingWriter
+from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US, Panel, Scene, SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
+from ledpi.camera.simulate.trajectory import Still, facing_camera
 from ledpi.camera.simulated import SimulatedCamera
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import PanelSpec
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.recording.writer import RecordingWriter
-from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Scene, SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
-from ledpi.simulate.trajectory import Still, facing_camera
-from ledpi.tools.panel.firmware import Build, plan_firmware, write_firmware
+from ledpi.workshop.panel.firmware import Build, plan_firmware, write_firmware
 from tests.builders.simavr import CLOCK_HZ, Cycles, PinTrace, build_with_make
 
 WORDS = load_dictionary("DICT_4X4_50").codewords

@@ -13,10 +13,10 @@ import numpy as np
 from ledpi.camera.simulated import SimulatedCamera, open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.records import CameraInfo, Decoded, Frame
+from ledpi.daemon.kept_frames import RUN_IN_NS
+from ledpi.daemon.takes import Shown
 from ledpi.pipeline.output import decoded_as_json
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.runtime.kept_frames import RUN_IN_NS
-from ledpi.runtime.takes import Shown
 from tests.builders.daemon import SIMULATED
 
 HEIGHT, WIDTH = 480, 640  # of numbered frames

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
+from ledpi.camera.simulate.scenes import DRIVE_IDS, drive_map
 from ledpi.config.map_yaml import map_text
-from ledpi.simulate.scenes import DRIVE_IDS, drive_map
 from tests.builders import ROOT
 from tests.builders.bridges import LEDPI, ZENOH_ROUTER, bridge, free_port
 from tests.builders.daemon import daemon, slowness

@@ -7,10 +7,10 @@ from statistics import NormalDist
 import cv2
 import numpy as np
 
+from ledpi.camera.simulate.scene import Panel, PanelAppearance, Room, Scene, SimulatedSensor
+from ledpi.camera.simulate.trajectory import Still, Trajectory, facing_camera
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Intrinsics, PanelSpec
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import Panel, PanelAppearance, Room, Scene, SimulatedSensor
-from ledpi.simulate.trajectory import Still, Trajectory, facing_camera
 
 PINHOLE = Intrinsics(width=640, height=480, fx=640.0, fy=640.0, cx=320.0, cy=240.0)
 LENS = Intrinsics(

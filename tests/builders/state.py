@@ -15,6 +15,7 @@ from tests.builders.map import panel
 
 FACES = {1: (4.0, 0.0, 180.0), 2: (0.0, 3.0, -90.0), 3: (-4.0, 0.0, 0.0), 4: (0.0, -3.0, 90.0)}  # x, y, yaw
 SECOND_NS = 1_000_000_000
+RATE = 0.5  # rad/s of a circle of 1 m
 SEAT = np.eye(4)  # camera and base_link in one place, as far as the plane matters
 
 
@@ -75,3 +76,16 @@ def state_at(estimator: Estimator, t_s: float) -> State:
     state = estimator.at(round(t_s * SECOND_NS))
     assert isinstance(state, State), state
     return state
+
+
+def on_circle(t_s: float) -> tuple[float, float, float]:
+    """The pose of a robot that drives a circle of 1 m about the origin."""
+    return math.cos(RATE * t_s), math.sin(RATE * t_s), RATE * t_s + math.pi / 2
+
+
+def drive(seconds: float = 1.5) -> list[Look | Odometry]:
+    """Odometry at 100 Hz, and a look at a panel or two 30 times a second."""
+    times = np.arange(1, round(seconds * 100)) * 0.01
+    totals = [odometry(t, way_m=RATE * t, yaw_rad=RATE * t) for t in times.tolist()]
+    looks = [look(i, on_circle(t), t) for t in (times[::3] + 0.004).tolist() for i in (2, 3)[: 1 + (t > 0.5)]]
+    return sorted([*totals, *looks], key=lambda each: each.t_ns)

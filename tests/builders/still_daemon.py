@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 
-from ledpi.runtime.service import Service
+from ledpi.daemon.service import Service
 from tests.builders.faults import FAULTS, RIGHT, camera_of, config_of
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import TapError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected
-from ledpi.tap.client import Client, connect
-from ledpi.tap.messages import Setup
-from ledpi.tap.server import Tap
+from ledpi.daemon.tap.client import Client, connect
+from ledpi.daemon.tap.messages import Setup
+from ledpi.daemon.tap.server import Tap
 from tests.builders.waiting import limit_s, wait_until
 
 HEIGHT, WIDTH = 48, 64

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 from urllib.request import ProxyHandler, Request, build_opener
 
+from ledpi.camera.simulate.scenes import drive_map
 from ledpi.config.map_yaml import map_text
-from ledpi.simulate.scenes import drive_map
-from ledpi.view.connections import MOST
-from ledpi.view.pictures import KINDS
+from ledpi.page.connections import MOST
+from ledpi.page.pictures import KINDS
 from tests.builders.waiting import limit_s
 
 REPOSITORY = Path(__file__).resolve().parents[2]

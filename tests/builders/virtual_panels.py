@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ledpi.camera.simulate.scenes import still_scene
 from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.config.settings import load_config
 from ledpi.core.records import Frame, Pixels
 from ledpi.pipeline.repeats import BUFFERS
-from ledpi.simulate.scenes import still_scene
 from tests.builders.virtual_picamera2 import ROW_US
 
 IDS = (7, 23, 41)

@@ -11,12 +11,12 @@ import yaml
 from ledpi.config.panels import PanelOverride
 from ledpi.config.settings import Config, load_config
 from ledpi.config.shipped import documented
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.shutter import contrast
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.panel.body import Body
-from ledpi.tools.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit, plan_pins
-from ledpi.tools.panel.sheet_parts import parts
+from ledpi.workshop.panel.body import Body
+from ledpi.workshop.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit, plan_pins
+from ledpi.workshop.panel.sheet_parts import parts
 from tests.builders import ROOT
 from tests.builders.config import known_keys, written_values
 

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.light import LightWeigher
@@ -17,7 +18,6 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import SHORTLIST, likeliest_far_pattern, near_pattern_likelihood, rank_codewords
 from ledpi.decode.identify.decision import Reading, decide, odds_needed
 from ledpi.decode.identify.one_frame import read_frame
-from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import SPEC, TRUE_10_MS_US, Canvas, square, word
 from tests.builders.evidence_reference import word_log_likelihoods
 from tests.builders.samples import WEIGHER, erased_cells, evidence_at, observed, read_at

@@ -24,7 +24,7 @@ import pytest
 
 from ledpi.config.settings import load_config
 from ledpi.core.records import Frame, Pixels
-from ledpi.runtime.daemon import Daemon
+from ledpi.daemon.daemon import Daemon
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, State, StatusMessage
 from tests.builders.daemon import (
     COMMAND,
@@ -454,8 +454,8 @@ def test_nothing_asks_for_the_time_of_day() -> None:
     asking = re.compile(r"\btime\.time(_ns)?\(|datetime\.now|\butcnow\(|\blocaltime\(|CLOCK_REALTIME")
     modules = reached_from(RUN, stop_at="ledpi.cli")
     assert len(modules) > 30
-    del modules["ledpi.runtime.takes"]  # names folders by it, and computes nothing from it
-    del modules["ledpi.recording.wall_clock"]  # is noted in recordings, for ROS 2's bags
+    del modules["ledpi.daemon.takes"]  # names folders by it, and computes nothing from it
+    del modules["ledpi.camera.recording.wall_clock"]  # is noted in recordings, for ROS 2's bags
     for module in modules:
         path = file_of(module)
         assert path is not None

@@ -17,20 +17,20 @@ from tests.builders.imports import RUN, file_of, imports_of, reached_from
 # Whole packages by a trailing dot; each with everything that it imports from ledpi.
 PURE = [
     "ledpi.decode.",
-    "ledpi.uemura.",
     "ledpi.pose.",
     "ledpi.state.",
-    "ledpi.kernels.",
-    "ledpi.markers.codewords",
+    "ledpi.core.lens",
+    "ledpi.core.library",
+    "ledpi.core.codewords",
     "ledpi.core.shutter",
     "ledpi.core.geometry",
     "ledpi.core.records",
     "ledpi.core.row_clock",
     "ledpi.pipeline.output",
     "ledpi.pipeline.trace",
-    "ledpi.diagnosis.look",
-    "ledpi.diagnosis.other_frequencies",
-    "ledpi.tap.protocol",
+    "ledpi.pipeline.diagnosis.look",
+    "ledpi.pipeline.diagnosis.other_frequencies",
+    "ledpi.daemon.tap.protocol",
     "ledpi.wire.message",
     "ledpi.wire.codec",
     "ledpi.wire.keeper",
@@ -40,22 +40,22 @@ PURE = [
     "ledpi.camera.gain",
     "ledpi.camera.timing",
     "ledpi.camera.tuning",
-    "ledpi.view.encode",
-    "ledpi.view.guard",
-    "ledpi.view.lines",
-    "ledpi.view.metrics",
-    "ledpi.ros.contents",
-    "ledpi.bridge.photon",
-    "ledpi.bridge.wpilib_values",
-    "ledpi.tools.calibrate.bands",
-    "ledpi.tools.calibrate.boards",
-    "ledpi.tools.calibrate.camera",
-    "ledpi.tools.calibrate.collecting",
-    "ledpi.tools.calibrate.lamp",
-    "ledpi.tools.calibrate.map",
-    "ledpi.tools.calibrate.shutter",
-    "ledpi.tools.panel.body",
-    "ledpi.tools.panel.circuit",
+    "ledpi.page.encode",
+    "ledpi.page.guard",
+    "ledpi.page.lines",
+    "ledpi.page.metrics",
+    "ledpi.links.ros.contents",
+    "ledpi.links.photon",
+    "ledpi.links.wpilib_values",
+    "ledpi.workshop.calibrate.bands",
+    "ledpi.workshop.calibrate.boards",
+    "ledpi.workshop.calibrate.camera",
+    "ledpi.workshop.calibrate.collecting",
+    "ledpi.workshop.calibrate.lamp",
+    "ledpi.workshop.calibrate.map",
+    "ledpi.workshop.calibrate.shutter",
+    "ledpi.workshop.panel.body",
+    "ledpi.workshop.panel.circuit",
 ]
 IMPURE_MODULES = {
     *("threading", "multiprocessing", "concurrent", "asyncio", "queue", "signal", "subprocess"),
@@ -67,11 +67,11 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
-    *("core", "markers", "kernels", "pose", "state", "decode", "uemura", "config", "recording", "simulate", "camera"),
-    *("pipeline", "diagnosis", "api", "wire", "tap", "runtime", "ros", "bridge", "bags", "tools", "view", "cli"),
+    *("core", "pose", "state", "decode", "config", "camera", "pipeline", "wire", "daemon", "links", "workshop"),
+    *("page", "cli"),
 )
 
-WORKSHOP = {"ledpi.tools.calibrate", "ledpi.tools.panel", "ledpi.tools.evaluate", "scipy", "matplotlib"}
+WORKSHOP = {"ledpi.workshop", "scipy", "matplotlib"}
 
 
 def is_one_of(name: str, modules: set[str]) -> bool:
@@ -148,11 +148,6 @@ def test_records_import_numpy_only() -> None:
     assert path is not None
     foreign = {name.split(".")[0] for name in imports_of(path)} - set(sys.stdlib_module_names)
     assert foreign == {"numpy"}
-
-
-def test_the_loops_know_nothing_of_what_calls_them() -> None:
-    """Constants and tables are handed to them by the decoder, which stands above."""
-    assert breaches(members("ledpi.kernels."), {"ledpi.decode", "ledpi.pose"}) == []
 
 
 def test_run_reaches_no_workshop_tool() -> None:

@@ -11,17 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.scene import Panel, Room, Scene, SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
+from ledpi.camera.simulate.sensor import sensor_info
+from ledpi.camera.simulate.trajectory import Still, facing_camera
+from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.settings import load_config
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.geometry import rotation_angle_deg, transform
 from ledpi.core.records import Floats, PlanarSolution
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.trajectory import Still, facing_camera
-from ledpi.simulate.truth import scene_truth
 
 PANELS = load_config(None, ("panels.side_m=0.16",)).panels
 SENSOR = SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=whole_rows_us(10_000, 33.67), row_time_us=33.67)

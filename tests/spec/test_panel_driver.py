@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ledpi.tools.panel.circuit import CHIP_MOST_A, CHIP_OWN_A, PORTS, PORTS_MOST_A, plan_pins
-from ledpi.tools.panel.firmware import Build
+from ledpi.workshop.panel.circuit import CHIP_MOST_A, CHIP_OWN_A, PORTS, PORTS_MOST_A, plan_pins
+from ledpi.workshop.panel.firmware import Build
 from tests.builders.panel import (
     ANTIPHASE,
     CELL_PINS,

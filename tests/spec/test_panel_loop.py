@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.recording.reader import load_recording
-from ledpi.tools.panel.firmware import Build
+from ledpi.camera.recording.reader import load_recording
+from ledpi.workshop.panel.firmware import Build
 from tests.builders.panel import ANTIPHASE, CHIP_PINS, program, record_panel, spec_of, wired_pins
 from tests.builders.simavr import ROOT, PinTrace, emulate, needs_simavr
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from evaluation.simulated import GlossyFloor
+from ledpi.camera.simulate.scene import Panel, Room, Scene, SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens
+from ledpi.camera.simulate.trajectory import Still, facing_camera
 from ledpi.camera.simulated import SimulatedCamera
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Frame, PanelSpec
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens
-from ledpi.simulate.trajectory import Still, facing_camera
 from tests.builders.decode import panel_settings
 
 DICTIONARIES = ("DICT_4X4_50", "DICT_4X4_250", "DICT_5X5_100")

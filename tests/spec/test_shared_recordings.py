@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ledpi.camera.recording.picture import read_picture
+from ledpi.camera.recording.reader import TruthMarker, find_recordings, load_recording
 from ledpi.core.records import MarkerPose
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.picture import read_picture
-from ledpi.recording.reader import TruthMarker, find_recordings, load_recording
 from ledpi.wire import MarkerMessage, Receiver
 from tests.builders import ROOT
 from tests.builders.decode import panel_settings

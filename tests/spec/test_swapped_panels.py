@@ -13,15 +13,15 @@ import pytest
 
 from evaluation.suites.conditions import Condition
 from evaluation.suites.draw import draw_take
+from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.scene import Panel
+from ledpi.camera.simulate.sensor import sensor_info
+from ledpi.camera.simulate.trajectory import Still
 from ledpi.config.settings import load_config
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats
 from ledpi.core.row_clock import RowClock
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Panel
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.trajectory import Still
-from ledpi.tools.evaluate.scoring import PanelReader
+from ledpi.workshop.evaluate.scoring import PanelReader
 
 PANELS = load_config(None, ("panels.side_m=0.16",)).panels
 WORDS = load_dictionary(PANELS.dictionary).codewords

@@ -190,8 +190,8 @@ import re, sys
 from contextlib import suppress
 from pathlib import Path
 
-from ledpi.bridge.target import TargetLostError
-from ledpi.bridge.zenoh_ros import ZenohTarget
+from ledpi.links.target import TargetLostError
+from ledpi.links.zenoh_ros import ZenohTarget
 from ledpi.config.outputs import OutputSettings
 
 target = ZenohTarget(OutputSettings(kind="zenoh", host="127.0.0.1", port=int(sys.argv[1])))

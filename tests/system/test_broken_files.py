@@ -16,10 +16,10 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ledpi.camera.recording.reader import load_recording
 from ledpi.config.map_yaml import load_map
 from ledpi.config.settings import load_config
 from ledpi.core.errors import LedpiError
-from ledpi.recording.reader import load_recording
 from tests.builders.command import complaint as one_complaint
 from tests.builders.command import in_process
 from tests.builders.daemon import ROOT, write_recording

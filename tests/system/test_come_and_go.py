@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.tap.client import connect
+from ledpi.daemon.tap.client import connect
 from tests.builders.daemon import SMALL
 from tests.builders.tap import reach
 from tests.builders.view import Page, ended, start_daemon, view

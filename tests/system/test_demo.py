@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 import pytest
 
+from ledpi.camera.recording.reader import TruthMarker
 from ledpi.camera.simulated import SimulatedCamera, open_simulated, simulated_sensor
 from ledpi.config.settings import Config, load_config
-from ledpi.recording.reader import TruthMarker
 from tests.builders import ROOT
 
 alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from ledpi.core.errors import ConfigError
-from ledpi.tools.editing import SOCKET, ask, socket_of
+from ledpi.workshop.editing import SOCKET, ask, socket_of
 from tests.builders.command import LEDPI, complaint, in_process
 from tests.builders.systemd import Unit, assert_closed_in, needs_systemd, said_of
 from tests.system.test_several_cameras import for_several

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ledpi.camera.recording.writer import RecordingWriter
+from ledpi.camera.simulate.scene import SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, still_scene, whole_rows_us
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.records import PanelSpec
-from ledpi.recording.writer import RecordingWriter
-from ledpi.simulate.scene import SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, still_scene, whole_rows_us
 from ledpi.wire import FixMessage, NoFix, Receiver, StatusMessage
 from tests.builders.command import ledpi
 
@@ -106,7 +106,7 @@ def test_the_line_carries_the_fix(take: Path) -> None:
     fixes = [message for message in messages if isinstance(message, FixMessage)]
     assert fixes, (messages, done.stderr)
     assert {fix.panels_used for fix in fixes} <= {1, 2}  # a search is told of as it goes on: one panel after the other
-    assert [fix.panels_used for fix in fixes].count(2) >= len(fixes) - 1
+    assert [fix.panels_used for fix in fixes].count(2) >= len(fixes) - 2
     for fix in fixes:
         assert np.linalg.norm(fix.pose.position_m) < 0.02
         assert fix.pose.deviation_m is not None

@@ -70,7 +70,7 @@ def test_the_clone_is_left_as_it_is(tmp_path: Path) -> None:
         "ledpi/decode/finding/find.c",
     ):
         assert any(path.endswith(f"/{part}") for path in seen)
-    assert any(path.endswith("/ledpi/tools/panel/sources/two_outputs.c") for path in seen)
+    assert any(path.endswith("/ledpi/workshop/panel/sources/two_outputs.c") for path in seen)
     assert list((tmp_path / "temporary").iterdir()) == []
 
 

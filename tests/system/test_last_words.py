@@ -24,7 +24,7 @@ Pipeline.decode = slowly
 """
 # The main thread fails in the fourth second.
 FAILS = """
-from ledpi.runtime import daemon
+from ledpi.daemon import daemon
 seconds = []
 def second_line(*arguments):
     seconds.append(1)
@@ -36,8 +36,8 @@ daemon.second_line = second_line
 # Once all is loaded, the system gives 3 MB more: to no thread, which takes 8.
 NO_THREAD = """
 import re, resource
-import ledpi.pipeline.pipeline, ledpi.runtime.service
-from ledpi.runtime import daemon
+import ledpi.pipeline.pipeline, ledpi.daemon.service
+from ledpi.daemon import daemon
 run = daemon.Daemon.run
 def scant(self, *arguments):
     data = int(re.search(r"VmData:\\s+(\\d+)", open("/proc/self/status").read())[1]) * 1024

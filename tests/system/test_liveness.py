@@ -14,8 +14,8 @@ from ledpi.camera.recovering import LOST
 from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame, Pixels, Rejected
+from ledpi.daemon.liveness import BEHIND_NS, LOST_BEHIND_TICKS, LOST_TICKS, Liveness
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.runtime.liveness import BEHIND_NS, LOST_BEHIND_TICKS, LOST_TICKS, Liveness
 from ledpi.wire import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
 from tests.builders.daemon import SIMULATED, OtherCamera, controller, daemon, daemon_in_thread, end

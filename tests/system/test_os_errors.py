@@ -22,7 +22,7 @@ from ledpi.camera.recovering import RecoveringCamera
 from ledpi.config.settings import SerialSettings, load_config
 from ledpi.core.errors import CameraLostError
 from ledpi.core.holder import who_holds
-from ledpi.runtime.daemon import Daemon
+from ledpi.daemon.daemon import Daemon
 from ledpi.wire import State
 from ledpi.wire.line import SerialLine
 from ledpi.wire.publisher import Publisher
@@ -72,7 +72,7 @@ def test_refused_to_the_decoder_it_ends_with_status_1() -> None:
 @pytest.mark.slow
 def test_refused_to_the_main_thread_it_ends_with_status_1() -> None:
     """It has no part of its own that could be begun anew."""
-    command = refusing("ledpi.runtime.health", "read_processor", code=errno.EMFILE, after=2)
+    command = refusing("ledpi.daemon.health", "read_processor", code=errno.EMFILE, after=2)
     with daemon(*SIMULATED, "serial.port=nothing", command=command) as process:
         ended = end(process)
     assert ended.status == 1

@@ -111,13 +111,13 @@ def test_a_wheel_holds_every_file_of_the_package(machine: str, dist: Path) -> No
     packed = zipfile.ZipFile(wheel(dist, machine))
     names = {name for name in packed.namelist() if name.startswith("ledpi/") and not name.endswith("/")}
     tree = [path for path in (ROOT / "ledpi").rglob("*") if path.is_file() and "__pycache__" not in path.parts]
-    links = ("tools/panel/sources", "shipped-files/examples", "shipped-files/systemd")
+    links = ("workshop/panel/sources", "shipped-files/examples", "shipped-files/systemd")
     tree += [path for link in links for path in (ROOT / "ledpi" / link).iterdir() if path.name != "__pycache__"]
     left_out = (".so", ".elf", ".hex", "README.md")
     wanted = {str(path.relative_to(ROOT)) for path in tree if not path.name.endswith(left_out)}
-    assert names == wanted | {"ledpi/kernels/_core.abi3.so"}
+    assert names == wanted | {"ledpi/core/_core.abi3.so"}
     elf_machine = {"x86_64": 62, "aarch64": 183}[machine]  # e_machine
-    assert packed.read("ledpi/kernels/_core.abi3.so")[18:20] == elf_machine.to_bytes(2, "little")
+    assert packed.read("ledpi/core/_core.abi3.so")[18:20] == elf_machine.to_bytes(2, "little")
 
 
 # ---- That they run

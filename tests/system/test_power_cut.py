@@ -23,17 +23,17 @@ OLD = "camera: {row_time_us: 33.67}  # as measured in May\n"
 NEW = "camera: {row_time_us: 31.75}  # as measured in May\n"
 CHANGES = {
     "config.yaml": (
-        "from pathlib import Path; from ledpi.tools.calibrate.files import change_config, changed_yaml; "
+        "from pathlib import Path; from ledpi.workshop.calibrate.files import change_config, changed_yaml; "
         "changed_yaml('a: {b: 0}', {('a', 'b'): 1})",  # what it imports opens files of its own
         'change_config(Path("config.yaml").absolute(), {("camera", "row_time_us"): 31.75})',
     ),
     "camera.yaml": (
-        "from pathlib import Path; from ledpi.tools.calibrate.files import write_keeping_old",
+        "from pathlib import Path; from ledpi.workshop.calibrate.files import write_keeping_old",
         f'write_keeping_old(Path("camera.yaml").absolute(), {NEW!r})',
     ),
 }
 TAKE = (
-    "from pathlib import Path; from ledpi.recording.writer import RecordingWriter; "
+    "from pathlib import Path; from ledpi.camera.recording.writer import RecordingWriter; "
     "from ledpi.core.records import CameraInfo, PanelSpec; "
     "camera = CameraInfo(width=64, height=48, exposure_us=1e4, row_time_us=33.67, transfer='linear'); "
     "panel = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)",
@@ -94,7 +94,7 @@ def test_a_take_has_a_whole_header_or_none(place: Path, tmp_path: Path) -> None:
 
 def test_where_a_file_has_one_name_only_a_copy_is_kept(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on FAT, or where it is another user's."""
-    from ledpi.tools.calibrate.files import write_keeping_old
+    from ledpi.workshop.calibrate.files import write_keeping_old
 
     def refuse(*_: object, **__: object) -> None:
         raise PermissionError(1, "Operation not permitted")

@@ -21,8 +21,8 @@ from ledpi.camera.base import Camera
 from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.records import Frame, Pixels
-from ledpi.runtime.reload import Reading
-from ledpi.runtime.service import Service
+from ledpi.daemon.reload import Reading
+from ledpi.daemon.service import Service
 from ledpi.wire import FixMessage, MarkerMessage, State
 from tests.builders.daemon import (
     COMMAND,

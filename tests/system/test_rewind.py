@@ -14,14 +14,14 @@ from typing import Any
 
 import pytest
 
+from ledpi.camera.recording.reader import load_recording
 from ledpi.camera.recovering import LOST
 from ledpi.config.settings import RewindSettings, load_config
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import Frame, Pixels, Rejected, RobotFix
+from ledpi.daemon.rewind import AGAIN_NS, Rewind
+from ledpi.daemon.takes import LIVE_FILE, takes_folder
 from ledpi.pose.fix_history import CONTRADICTION
-from ledpi.recording.reader import load_recording
-from ledpi.runtime.rewind import AGAIN_NS, Rewind
-from ledpi.runtime.takes import LIVE_FILE, takes_folder
 from tests.builders.command import ledpi
 from tests.builders.daemon import (
     COMMAND,
@@ -124,8 +124,8 @@ def test_a_file_that_cannot_be_written_is_reported_and_the_daemon_goes_on(takes:
 # In front of the daemon: once all is loaded, the system gives it 100 MB more, and no ring of 200.
 SCANT = """
 import re, resource
-import ledpi.pipeline.pipeline, ledpi.runtime.service
-from ledpi.runtime import daemon
+import ledpi.pipeline.pipeline, ledpi.daemon.service
+from ledpi.daemon import daemon
 run = daemon.Observers
 def scant(*arguments):
     data = int(re.search(r"VmData:\\s+(\\d+)", open("/proc/self/status").read())[1]) * 1024

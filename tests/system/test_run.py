@@ -24,7 +24,7 @@ from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Frame, Pixels
-from ledpi.runtime.daemon import Daemon
+from ledpi.daemon.daemon import Daemon
 from ledpi.wire import NoFix, State, StatusMessage
 from tests.builders.command import complaint as one_complaint
 from tests.builders.command import in_process

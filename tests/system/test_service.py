@@ -17,11 +17,11 @@ from ledpi.camera import recovering
 from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame, Rejected
+from ledpi.daemon.health import RECENT_S, Health, Processor, RecentPackets, minute_line, read_processor
+from ledpi.daemon.reporting import event
+from ledpi.daemon.ring import RingCounters
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
-from ledpi.runtime.health import RECENT_S, Health, Processor, RecentPackets, minute_line, read_processor
-from ledpi.runtime.reporting import event
-from ledpi.runtime.ring import RingCounters
 from ledpi.wire import StatusMessage
 from tests.builders import ROOT
 from tests.builders.daemon import (

@@ -19,8 +19,8 @@ from ledpi.camera.factory import open_camera
 from ledpi.camera.picamera import model_of
 from ledpi.config.settings import load_config
 from ledpi.core.errors import CameraError, CameraLostError
-from ledpi.tap.client import connect
-from ledpi.tap.of_config import of_config
+from ledpi.daemon.tap.client import connect
+from ledpi.daemon.tap.of_config import of_config
 from tests.builders import ROOT
 from tests.builders.bridges import free_port
 from tests.builders.command import LEDPI
@@ -130,7 +130,7 @@ def shown(port: int, token: str) -> dict[str, Any]:
 
 def test_a_services_configuration_leads_to_its_own_tap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """/etc/ledpi/front.yaml to ledpi@front's; any other file as ever, and a path that is given as it is."""
-    monkeypatch.setattr("ledpi.tap.of_config.CAMERAS", tmp_path)
+    monkeypatch.setattr("ledpi.daemon.tap.of_config.CAMERAS", tmp_path)
     for name, text, wanted in (
         ("front", "", "/run/ledpi-front/tap.sock"),
         ("config", "", "auto"),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ledpi.cli.pictures import write_drawn
-from ledpi.tools.calibrate.files import check_writable, write_keeping_old
+from ledpi.workshop.calibrate.files import check_writable, write_keeping_old
 from tests.builders.waiting import wait_until
 
 VIDEO, SOMEBODY = 44, 61_234  # the group's number on Debian; a user that need not exist

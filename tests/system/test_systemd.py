@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.runtime.daemon import TICK_S
-from ledpi.runtime.reporting import Watchdog, notify, watchdog_period_s
-from ledpi.tap.places import GROUP, NAME, SERVICE
+from ledpi.daemon.daemon import TICK_S
+from ledpi.daemon.reporting import Watchdog, notify, watchdog_period_s
+from ledpi.daemon.tap.places import GROUP, NAME, SERVICE
 from tests.builders import ROOT
 from tests.builders.systemd import Unit, assert_closed_in, needs_systemd, said_of
 

@@ -16,9 +16,9 @@ from statistics import median
 import numpy as np
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import TapError
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tap.client import connect
+from ledpi.daemon.tap.client import connect
 from tests.builders.command import complaint, in_process, ledpi
 from tests.builders.daemon import ROOT, SIMULATED, SIMULATED_YAML, controller, daemon, end, write_recording
 from tests.builders.tap import Raw, at, reach
@@ -281,7 +281,7 @@ def test_the_pages_ten_lines_of_python_read_it(running: Path) -> None:
 
 def test_the_pages_lines_with_the_client_read_it(running: Path) -> None:
     """As printed, with the socket's place."""
-    script = page_block("python", "ledpi.tap.client").replace("connect()", f"connect({str(running)!r})")
+    script = page_block("python", "connect_tap").replace("connect_tap()", f"connect_tap({str(running)!r})")
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=limit_s(30))
     assert re.match(r"\d+ [\d.]+ \[", done.stdout), done.stderr
 

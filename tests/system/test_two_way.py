@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ledpi.camera.simulate.scene import SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, still_scene
+from ledpi.camera.simulate.trajectory import Gliding
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.config.settings import Config, load_config
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
-from ledpi.runtime.observers import close_tap, open_tap
-from ledpi.simulate.scene import SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, still_scene
-from ledpi.simulate.trajectory import Gliding
-from ledpi.tap.server import Tap
+from ledpi.daemon.observers import close_tap, open_tap
+from ledpi.daemon.tap.server import Tap
 from ledpi.wire import Mode, OdometryMessage, Receiver, StateMessage, TimeAnswer, TimeAsk
 from ledpi.wire.codec import encode
 from ledpi.wire.diary import Frame as FrameMark

@@ -25,7 +25,7 @@ CP2102 = Board(
     socket=4, vendor="10c4", product="ea60", maker="Silicon Labs", name="CP2102", serial="0001", ttys=("ttyUSB1",)
 )
 CH340 = [Board(socket=n, vendor="1a86", product="7523", name="USB Serial", ttys=(f"ttyUSB{n}",)) for n in (5, 6)]
-DOCTOR = f"{sys.executable} -c 'from ledpi.tools.doctor.ports import remedy; print(remedy())'"
+DOCTOR = f"{sys.executable} -c 'from ledpi.workshop.doctor.ports import remedy; print(remedy())'"
 
 
 def properties(said: str) -> dict[str, str]:

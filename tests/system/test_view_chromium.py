@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ledpi.camera.simulate.scenes import DRIVE_IDS, MAP_FROM_SCENE
 from ledpi.camera.simulated import simulated_drive, simulated_sensor
 from ledpi.config.check import mistakes_in
 from ledpi.config.settings import load_config
-from ledpi.simulate.scenes import DRIVE_IDS, MAP_FROM_SCENE
-from ledpi.tap.client import Client, connect
+from ledpi.daemon.tap.client import Client, connect
 from tests.builders.daemon import slowness
 from tests.builders.faults import ASIDE_M, AWAY_M, PLACE_PX
 from tests.builders.view import (

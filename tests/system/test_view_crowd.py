@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.view.connections import MOST
+from ledpi.page.connections import MOST
 from tests.builders import ROOT
 from tests.builders.made_up_daemon import LARGE, MadeUpDaemon
 from tests.builders.view import Page, view, watched

@@ -21,7 +21,7 @@ TRIES = 4  # of `monitor`, for longer each time: on a busy machine a guess takes
 
 @pytest.fixture(scope="module", params=["swapped", "nothing"])
 def fault(request: pytest.FixtureRequest) -> Fault:
-    """One, and none; all of them: tests/unit/diagnosis/test_why_not.py."""
+    """One, and none; all of them: tests/unit/pipeline/diagnosis/test_why_not.py."""
     return FAULTS.get(request.param, RIGHT)
 
 

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 
 from ledpi.core.geometry import project_to_quad
+from ledpi.core.lens import bending_lens_of, distort, undistort
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
 from ledpi.core.tone import linear_light
-from ledpi.kernels.lens import bending_lens_of, distort, undistort
 
 # The very rim of a cell is left out: partitions cast shadows there that no smooth interpolation follows. No more than
 # that: with its gain unknown, a short cell tells its class by how its light changes from its top to its bottom, so by

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.core.lens import bending_lens_of
+from ledpi.core.library import NONE, lib
 from ledpi.core.records import Floats, Intrinsics, PanelSpec, Singles
 from ledpi.decode.evidence.erasures import UNLIT, erase_cells
 from ledpi.decode.evidence.evidence import Evidence
@@ -26,8 +28,6 @@ from ledpi.decode.model.light import fundamentals, waves
 from ledpi.decode.model.panel import Weigher
 from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, prior
 from ledpi.decode.observation import Observation
-from ledpi.kernels.lens import bending_lens_of
-from ledpi.kernels.library import NONE, lib
 
 # Samples along a cell, one a pixel but for these: fewer tell no bands from gains. Of several frames, which add up, each
 # may have fewer; and of a panel that is clear a third of these: still two for each unknown.
@@ -36,6 +36,7 @@ MOST_EACH: int = lib.LEDPI_MOST_EACH
 # Of a frame by itself no sample is in a pixel that a border may cross: within half of its diagonal. How dark that is
 # hangs on where a wall's edge crosses it, in each cell by itself. Half of a small cell is left.
 WALL_PX, MOST_INSET = math.sqrt(0.5), 0.25
+EACH_LOOK, EACH_SAMPLE = 3000, 2  # places that a look costs, in those of a fit, and that each of its samples does
 SAME_GRID = 0.15  # by how much a panel may grow or shrink and keep its grid
 
 
@@ -88,6 +89,7 @@ class LightWeigher:
         self.cells, self._intrinsics = cells, intrinsics
         self._lens = bending_lens_of(intrinsics)
         self._weigher = Weigher()
+        self.sampled = 0  # places that all looks so far have cost
 
     def alone(self, seen: Observation, spec: PanelSpec, since_s: float = 0.0) -> Evidence | None:
         """The evidence of one frame; None where it is too little to tell bands.
@@ -183,6 +185,7 @@ class LightWeigher:
             score=score,
             information=information,
         )
+        self.sampled += EACH_LOOK + EACH_SAMPLE * light.size
         picture = Mean(light=light, count=tells, waves=wave, built=unknown)
         return picture, self._evidence(seen, spec, unknown, score, information, weighed) if found else None
 

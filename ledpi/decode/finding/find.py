@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.core.library import NONE, ffi, lib, pointer
 from ledpi.core.records import Floats, Mask, Pixels
-from ledpi.kernels.library import NONE, ffi, lib, pointer
 
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 MOST_LATTICE_SQUARES = 1024
@@ -120,17 +120,27 @@ class Glancer:
         }
 
     def look(
-        self, pyramid: Sequence[Pixels], found: Sequence[Floats], bridged: Pixels | None, most_dimmed: float
+        self,
+        pyramid: Sequence[Pixels],
+        found: Sequence[Floats],
+        bridged: Pixels | None,
+        most_dimmed: float,
+        *,
+        at_once: int = MOST_SQUARES,
+        turn: int = 1,
     ) -> tuple[Floats, Floats, Floats]:
         """Looks at those `found`, corners (N, 4, 2) each, for the different ones in the `pyramid`; the largest first.
 
         Their corners where a panel fits best (K, 4, 2), sides in pixels (K,), and how much likelier a panel is there
-        than texture, in nats (K,); until the next. Of a picture whose bands are `bridged` in the pyramid corners
-        are as they were: what is not dimmed there in part, to this share, is none.
+        than texture, in nats (K,); until the next. Where they are more than `at_once` the others have the next `turn`.
+        Of a picture whose bands are `bridged` in the pyramid corners are as they were: what is not dimmed there in
+        part, to this share, is none.
         """
         count = self._put(found)
         shown = (NONE, 0, 0) if bridged is None else (pointer(bridged), *bridged.shape)
-        kept = lib.ledpi_glance(*self._given(pyramid, shown, most_dimmed, self._smallest_px), count, self._all)
+        kept = lib.ledpi_glance(
+            *self._given(pyramid, shown, most_dimmed, self._smallest_px, at_once, turn), count, self._all
+        )
         seen = self._glimpses[:kept]
         return (seen[:, 8:16] if bridged is None else seen[:, :8]).reshape(-1, 4, 2), seen[:, 16], seen[:, 17]
 

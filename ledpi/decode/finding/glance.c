@@ -11,7 +11,7 @@
 #include "simd.h"
 
 enum { ROUNDS = 3 };
-enum { MOST = 256 }; /* that are looked at: what has more is texture */
+enum { MOST = 256 }; /* of a picture: what has more is texture */
 #define SAME 0.25 /* of a cell: candidates no further apart lead to the same fit */
 #define LEAST_CELL 5.0 /* pixels, of the smallest picture in which a candidate is looked at */
 #define DARKEST 0.05 /* quantiles: of the light around, what is taken for dark; of that within, for the panel's own */
@@ -193,10 +193,11 @@ void ledpi_glance_at(const GlanceTemplate *t, const GlancePictures *in, float *w
     }
 }
 
-/* Looks at those of `glimpses` (most) that are not smaller than `smallest_px`. Returns how many
- * different ones there are, of those that lead to one fit the likeliest; the largest first, as a texture's are small. */
-ptrdiff_t ledpi_glance(const GlanceTemplate *t, const GlancePictures *in, double smallest_px, float *work, ptrdiff_t most,
-                       Glimpse *glimpses) {
+/* Looks at those of `glimpses` (most) that are not smaller than `smallest_px`; of each size every so many, from `turn` on, so that
+ * they are no more than `at_once`. Returns how many different ones there are, of those that lead to one fit the likeliest; the
+ * largest first, as a texture's are small. */
+ptrdiff_t ledpi_glance(const GlanceTemplate *t, const GlancePictures *in, double smallest_px, ptrdiff_t at_once, ptrdiff_t turn,
+                       float *work, ptrdiff_t most, Glimpse *glimpses) {
     ptrdiff_t large = 0;
     for (ptrdiff_t i = 0; i < most; i++) {
         Glimpse own = glimpses[i];
@@ -204,7 +205,9 @@ ptrdiff_t ledpi_glance(const GlanceTemplate *t, const GlancePictures *in, double
         if (own.side_px >= smallest_px && isfinite(own.side_px)) glimpses[large++] = own;
     }
     qsort(glimpses, (size_t)large, sizeof *glimpses, larger_first);
-    large = keep_distinct(t, false, large < MOST ? large : MOST, glimpses);
+    const ptrdiff_t distinct = keep_distinct(t, false, large < MOST ? large : MOST, glimpses), every = (distinct - 1) / at_once + 1;
+    large = 0;
+    for (ptrdiff_t i = (turn - 1) % every; i < distinct; i += every) glimpses[large++] = glimpses[i];
     ledpi_glance_at(t, in, work, large, glimpses);
     qsort(glimpses, (size_t)large, sizeof *glimpses, likelier_first);
     large = keep_distinct(t, !in->bridged.pixels, large, glimpses);

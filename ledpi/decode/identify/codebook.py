@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ledpi.core.codewords import MOST_CORRECTED, Dictionary
 from ledpi.core.records import Integers, Mask, PanelSpec, Singles
-from ledpi.markers.codewords import MOST_CORRECTED, Dictionary
 
 # Patterns that are no codeword differ in so many cells at least from each: what differs in fewer is meant for it.
 NEAREST_PATTERN = MOST_CORRECTED + 1

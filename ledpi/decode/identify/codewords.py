@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ledpi.core.library import doubles, lib, pointer
 from ledpi.core.records import Floats, Integers, Mask, Singles
 from ledpi.decode.evidence.classes import flip_classes
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.kernels.library import doubles, lib, pointer
 
 MOST_CELLS: int = lib.LEDPI_MOST_CELLS
 SHORTLIST = 16  # codewords that are compared exactly

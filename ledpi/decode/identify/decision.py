@@ -18,7 +18,10 @@ from functools import cache
 from statistics import NormalDist
 from typing import NamedTuple
 
-from ledpi.core.records import Floats, Rejected
+import numpy as np
+
+from ledpi.core.records import Floats, Rejected, Singles
+from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
@@ -27,6 +30,7 @@ from ledpi.decode.identify.model_error import as_noise, with_model_error
 from ledpi.decode.identify.plausibility import all_rows_blink, has_other_class, is_plausible
 
 NO_BANDS = Rejected(stage="identify", reason="no_bands")
+STEADY = Rejected(stage="identify", reason="steady")
 NO_CODEWORD = Rejected(stage="identify", reason="not_in_dictionary")
 AMBIGUOUS = Rejected(stage="identify", reason="ambiguous")
 INCONSISTENT = Rejected(stage="identify", reason="inconsistent_cells")
@@ -37,6 +41,7 @@ IMPLAUSIBLE = Rejected(stage="identify", reason="implausible_depth")
 # costs is measured by evaluation/accuracy/false_ids.py. (Of 100,000 frames of decoys a rate ten times as high let one
 # be read.)
 FALSE_ID_RATE = 1e-6
+SHALLOW = 0.25  # of the squares that bands should explain, as of a fit (panel_fit.c): they are half as deep
 
 
 class Reading(NamedTuple):
@@ -69,7 +74,7 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
     needed = odds_needed(false_id_rate)
     fit = rank_codewords(evidence, codebook.white)
     if fit.likelihood[0] < needed:
-        return NO_BANDS
+        return STEADY if _would_show(evidence, codebook.white[fit.codewords[0]], needed) else NO_BANDS
     if not fit.is_finite:
         return UNFIT
     reading = _judge(as_noise(evidence, fit), codebook, needed)
@@ -113,6 +118,16 @@ def _judge(evidence: Evidence, codebook: Codebook, needed: float) -> Reading | R
     )
 
 
+def _would_show(evidence: Evidence, white: Singles, needed: float) -> bool:
+    """Tells whether bands of half the expected depth had shown, but for one case in as many as the odds are for.
+
+    Their log-likelihood ratio is normal, with mean D and variance 2D, and above ½z² where D − z·√(2D) is.
+    """
+    shows = band_shares(white.astype(np.float64), len(evidence.prior))
+    information = np.einsum("cp,cpdp,dp->p", shows, evidence.information, shows)
+    return SHALLOW * float(evidence.prior @ information) > 2.0 * needed * (1.0 + math.sqrt(2.0)) ** 2
+
+
 def surest_bands(fit: Fit, codebook: Codebook, false_id_rate: float) -> Floats | None:
     """The bands (P,) of the best codeword, if only patterns near it are open; None where their phases are.
 
@@ -143,7 +158,7 @@ def select_best(readings: Sequence[Reading | Rejected], false_id_rate: float) ->
         return readings[0]
     read = sorted((r for r in readings if isinstance(r, Reading)), key=lambda r: -r.likelihood)
     if not read:
-        return next(r for r in readings if isinstance(r, Rejected))
+        return next((r for r in readings if isinstance(r, Rejected) and r != STEADY), STEADY)
     best = read[0]
     ahead = min((best.likelihood - r.likelihood for r in read[1:] if r.id != best.id), default=math.inf)
     if ahead < odds_needed(false_id_rate):

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from ledpi.core.geometry import quad_side
+from ledpi.core.lens import bending_lens_of
+from ledpi.core.library import NONE, ffi, lib
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.panel import MOST_LINES, Solver
 from ledpi.decode.model.prior import BLUR, SMEAR, prior
-from ledpi.kernels.lens import bending_lens_of
-from ledpi.kernels.library import NONE, ffi, lib
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")
@@ -25,6 +25,7 @@ MISFIT = Rejected(stage="fit", reason="misfit")
 UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 WHY = {lib.LEDPI_WITHOUT_BANDS: NO_BANDS, lib.LEDPI_MISFIT: MISFIT, lib.LEDPI_UNCERTAIN: UNCERTAIN}
 
+EACH_FIT = 4000  # places that a fit costs beside those that it looks at: its window, the arguments, the covariance
 SATURATED = 0.999  # of full scale: such light says nothing
 # Of an `Effort`: what the solver itself goes by.
 SOLVED_BY = ("rounds", "reweightings", "banded", "phasing", "must_blink", "tolerance", "most_left")
@@ -72,7 +73,7 @@ class Fitter:
         self._intrinsics = intrinsics
         self._lens = bending_lens_of(intrinsics)
         self.solver = Solver()
-        self.sampled = 0  # places, by all fits so far
+        self.sampled = 0  # places that all fits so far have cost
 
     def fit(
         self,
@@ -108,7 +109,7 @@ class Fitter:
             corners=corners_px.reshape(-1).tolist(),
             unknown=unknown,
         )
-        self.sampled += fit.sampled
+        self.sampled += EACH_FIT + fit.sampled
         if outcome != lib.LEDPI_FITTED:
             return WHY.get(outcome, DIVERGED)
         return _fitted(fit, unknown, window, spec)

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.core.library import ffi, lib, pointer
 from ledpi.core.records import Floats
-from ledpi.kernels.library import ffi, lib, pointer
 
 MOST_LINES: int = lib.LEDPI_MOST_LINES  # of a grid
 MOST_BANDS = 4  # cosine and sine of two waves

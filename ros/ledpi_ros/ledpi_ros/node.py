@@ -1,4 +1,4 @@
-"""The node: ledpi's tap → ROS 2 topics. What is in the messages is ledpi.ros' to say, and is tested there."""
+"""The node: ledpi's tap → ROS 2 topics. What is in the messages is ledpi.links.ros' to say, and is tested there."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from rclpy.node import Node
 from rosidl_runtime_py.utilities import get_message
 from tf2_ros import TransformBroadcaster
 
+from ledpi.camera.recording.writer import encode_picture
 from ledpi.core.errors import TapError
 from ledpi.core.wording import one_line
-from ledpi.recording.writer import encode_picture
-from ledpi.ros.contents import (
+from ledpi.daemon.tap.client import Client, connect
+from ledpi.daemon.tap.frames import camera_of
+from ledpi.links.ros.contents import (
     CAMERA_INFO,
     COMPRESSED_IMAGE,
     TF,
@@ -27,9 +29,7 @@ from ledpi.ros.contents import (
     camera_info_message,
     image_message,
 )
-from ledpi.ros.stream import RosStream
-from ledpi.tap.client import Client, connect
-from ledpi.tap.frames import camera_of
+from ledpi.links.ros.stream import RosStream
 from ledpi_ros.filling import fill
 
 RETRY_S = 0.5

@@ -21,9 +21,9 @@ from ledpi.camera.factory import open_camera
 from ledpi.cli import main
 from ledpi.config.settings import Config, load_config
 from ledpi.core.records import Frame, Pixels
-from ledpi.runtime.daemon import Daemon
-from ledpi.tools.doctor.camera import camera as camera_findings
+from ledpi.daemon.daemon import Daemon
 from ledpi.wire import NoFix, State
+from ledpi.workshop.doctor.camera import camera as camera_findings
 from tests.builders.daemon import controller, slowness
 from tests.builders.virtual_panels import IDS, SETTINGS, rendered
 from tests.builders.virtual_picamera2 import ROW_US, Behaviour, show, unplug

@@ -18,9 +18,9 @@ import pytest
 
 from ledpi.camera.base import Camera
 from ledpi.camera.factory import open_camera
+from ledpi.camera.recording.writer import RecordingWriter
 from ledpi.config.settings import Config
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, Pixels
-from ledpi.recording.writer import RecordingWriter
 from tests.builders import DEADLINE_S
 
 FRAMES = 4

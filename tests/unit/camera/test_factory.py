@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from ledpi.camera.factory import open_camera
-from ledpi.camera.recording import RecordingCamera
+from ledpi.camera.recorded import RecordingCamera
+from ledpi.camera.recording.writer import RecordingWriter
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError, LedpiError, RecordingError
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
-from ledpi.recording.writer import RecordingWriter
 from tests.builders import ROOT
 
 
@@ -94,7 +94,7 @@ def test_no_device_is_imported_before_it_is_used() -> None:
     """A Pi with its camera needs no simulator, and a laptop no picamera2: the factory loads neither."""
     code = (
         "import sys, ledpi.camera.factory; "
-        "print(*(m for m in sys.modules if m.startswith(('ledpi.simulate', 'ledpi.camera.', 'picamera2'))))"
+        "print(*(m for m in sys.modules if m.startswith(('ledpi.camera.simulate', 'ledpi.camera.', 'picamera2'))))"
     )
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)

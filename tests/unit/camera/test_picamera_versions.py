@@ -17,7 +17,7 @@ from ledpi.camera.picamera_version import OLDEST
 from ledpi.config.settings import CameraSettings, load_config
 from ledpi.core.errors import CameraError, CameraLostError, TransientError
 from ledpi.core.records import Frame
-from ledpi.tools.doctor.checks import examine
+from ledpi.workshop.doctor.checks import examine
 from tests.builders import ROOT
 from tests.builders.picamera2_versions import CHANGES, Sensor, stand_in
 
@@ -186,7 +186,7 @@ def test_what_nobody_has_foreseen_does_not_end_doctors_page(monkeypatch: pytest.
     def fails(*_: object, **__: object) -> None:
         raise KeyError("sensor")
 
-    monkeypatch.setattr("ledpi.tools.doctor.camera.open_camera", fails)
+    monkeypatch.setattr("ledpi.workshop.doctor.camera.open_camera", fails)
     found = {finding.name: finding for finding in examine(load_config(None, ("camera.source=simulated",)))}
     assert found["camera"].said == "could not be looked at: KeyError: 'sensor'"
     assert list(found)[-1] == "speed"

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from ledpi.camera.base import Camera
+from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.scene import Scene
 from ledpi.camera.simulated import SimulatedCamera, open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import CameraError, ConfigError
 from ledpi.core.records import Frame, Pixels
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Scene
 from tests.builders.simulate import LENS, panel, sensor, standing
 
 PERIOD_S = 504 * 33.67e-6

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
+from ledpi.camera.simulate.scenes import still_scene
 from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.camera.v4l2 import V4l2Camera, open_v4l2
 from ledpi.config.settings import CameraSettings, load_config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Frame, Rejected
-from ledpi.simulate.scenes import still_scene
 from tests.builders.command import in_process
 
 DEVICE = "/dev/null"  # exists; the stand-in does not look at it

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 
 from ledpi.config.settings import load_config
-from ledpi.tools import backup
+from ledpi.workshop import backup
 from tests.builders import ROOT
 from tests.builders.certificates import AUTHORITY
 from tests.builders.command import LEDPI, complaint, in_process

@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 import pytest
 
+from ledpi.camera.recording.picture import with_text
+from ledpi.camera.recording.reader import load_recording
+from ledpi.camera.recording.writer import RecordingWriter
+from ledpi.camera.simulate.scene import SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, still_scene
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
-from ledpi.recording.picture import with_text
-from ledpi.recording.reader import load_recording
-from ledpi.recording.writer import RecordingWriter
-from ledpi.simulate.scene import SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, still_scene
 from tests.builders import ROOT
 from tests.builders.command import LEDPI, Run, complaint, in_process
 from tests.builders.command import ledpi as own_process

@@ -10,10 +10,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from ledpi.camera.recording.picture import read_picture
+from ledpi.camera.recording.reader import load_recording
 from ledpi.cli.simulate import simulate
 from ledpi.core.errors import LedpiError
-from ledpi.recording.picture import read_picture
-from ledpi.recording.reader import load_recording
 
 ROOT = Path(__file__).parents[3]
 APP = typer.Typer()

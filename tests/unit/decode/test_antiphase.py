@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Frame, PanelSpec
 from ledpi.decode.evidence.classes import band_shares, flip_classes
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import Reading, decide
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import (
     FRAME_ROWS,

@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, PanelSpec, Rejected, Transfer
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.decision import Reading
-from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import (
     SHORT_US,
     SPEC,
@@ -190,7 +190,7 @@ def test_what_is_lit_but_does_not_blink_is_rejected(side: float) -> None:
     lamp.lamp(corners, 0.4)
     for seed in range(4):
         assert isinstance(read_at(panel.frame(seed), corners, ALL), Rejected)
-        assert side < 60 or reading_of(read_at(lamp.frame(seed), corners, ALL)) == "identify.no_bands"
+        assert side < 60 or reading_of(read_at(lamp.frame(seed), corners, ALL)) == "identify.steady"
 
 
 def printed_marker(u: Floats, v: Floats) -> Floats:

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import Reading, decide
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import (
     PINHOLE,

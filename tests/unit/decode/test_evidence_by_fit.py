@@ -11,6 +11,7 @@ import pytest
 
 from evaluation.suites.units import photographed
 from evaluation.suites.wild import draw_wild
+from ledpi.camera.simulate.sensor import sensor_info
 from ledpi.core.records import CameraInfo, Floats, PanelSpec
 from ledpi.core.shutter import fundamental_amplitude
 from ledpi.decode.evidence.evidence import Evidence
@@ -18,8 +19,7 @@ from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.model.fit import Effort, Fitted, Fitter
 from ledpi.decode.model.light import Window
 from ledpi.decode.observation import Observation
-from ledpi.simulate.sensor import sensor_info
-from ledpi.tools.evaluate.scoring import PanelReader
+from ledpi.workshop.evaluate.scoring import PanelReader
 from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, panel_settings, word
 from tests.builders.model import Panel, projected, window_of
 

@@ -6,9 +6,9 @@ import dataclasses
 
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.frequency_search import Proposal, propose_frequencies
-from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import SPEC, Canvas, square, word
 from tests.builders.samples import observed, samples_of
 

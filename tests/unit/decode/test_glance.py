@@ -16,12 +16,12 @@ from tests.builders.decode import Canvas, Profile, bare, candidate, diffuser, fl
 LIKELY = 5.0  # nats: of 150 candidates, texture gets past in one
 
 
-def look(pixels: Pixels, *candidates: Floats, cells: int = 4) -> tuple[Floats, Floats]:
+def look(pixels: Pixels, *candidates: Floats, cells: int = 4, **turn: int) -> tuple[Floats, Floats]:
     """Corners and evidence."""
     pyramid = [pixels]
     for _ in range(3):
         pyramid.append(cv2.resize(pyramid[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
-    corners, _, evidence = Glancer(cells, 8.0, template(cells)).look(pyramid, [np.stack(candidates)], None, 1.0)
+    corners, _, evidence = Glancer(cells, 8.0, template(cells)).look(pyramid, [np.stack(candidates)], None, 1.0, **turn)
     return corners.copy(), evidence.copy()
 
 
@@ -95,6 +95,16 @@ def test_panels_of_other_dictionaries_have_their_own_template(cells: int) -> Non
     assert evidence > LIKELY
 
 
+def test_so_many_are_looked_at_at_once_and_the_others_have_their_turn() -> None:
+    """No more than three of ten, of all sizes; the largest in the first turn, all in four."""
+    sizes = [60.0 - 3 * k for k in range(10)]
+    there = [square(60.0 + 55 * k, 200, size) for k, size in enumerate(sizes)]
+    shown = np.random.default_rng(1).integers(0, 255, (480, 640)).astype(np.uint8)
+    turns = [look(shown, *there, at_once=3, turn=turn)[0] for turn in range(1, 5)]
+    assert [len(corners) for corners in turns] == [3, 3, 2, 2]
+    assert np.abs(turns[0][0] - there[0]).max() < 15
+
+
 def test_what_is_unlikely_has_its_turn_in_a_stream() -> None:
     """One in each search, those tried longest ago first; the likely ones come before."""
     likely, *others = (candidate(square(100.0 * k, 100, 50)) for k in range(1, 5))
@@ -102,9 +112,9 @@ def test_what_is_unlikely_has_its_turn_in_a_stream() -> None:
     agenda, tried = Agenda(), []
     for _ in range(6):
         assert agenda.is_due(())
-        first, last = agenda.schedule([likely, *others])
+        first, last = agenda.schedule([likely, *others], is_urgent=False)
         assert quad_side((first.corners_px - likely.corners_px).tolist()) == 0
-        agenda.tried(last)
+        agenda.tried(last, in_vain=False)
         tried.append(round(last.corners_px[:, 0].mean() / 100))
     assert tried == [2, 3, 4, 2, 3, 4]
 

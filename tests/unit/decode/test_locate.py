@@ -342,7 +342,7 @@ def test_corners_that_are_none_are_refused_in_silence(rough: Floats) -> None:
 
 
 def test_what_is_no_panel_costs_little() -> None:
-    """Spots that lie about at random are given up before their fit has settled: for a tenth of what a panel costs."""
+    """Spots that lie about at random are given up before their fit has settled: for a fifth of what a panel costs."""
     panel, spots, true = Canvas(), Canvas(), square(310.4, 240.2, 90, 7)
     panel.panel(true, word(7))
     rough = cv2.GaussianBlur(np.random.default_rng(3).normal(size=spots.light.shape), None, 6.0)
@@ -350,7 +350,7 @@ def test_what_is_no_panel_costs_little() -> None:
     one, other = Locator(4, (SPEC,), None), Locator(4, (SPEC,), None)
     assert isinstance(one.localise(panel.frame(), true), Quad)
     assert reason(other.localise(spots.frame(), true)) in {"fit.uncertain", "fit.misfit"}
-    assert 0 < other.spent < 0.1 * one.spent
+    assert 0 < other.spent < 0.2 * one.spent
 
 
 def test_what_was_spent_is_counted() -> None:

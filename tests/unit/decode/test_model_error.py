@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Rejected, Singles
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.decision import FALSE_ID_RATE, Reading, decide
 from ledpi.decode.identify.model_error import with_model_error
-from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import SPEC
 
 FAINT = 0.08

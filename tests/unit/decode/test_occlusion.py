@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import Reading
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import PINHOLE, SPEC, Canvas, camera_info, panel_settings, square, word
 from tests.builders.samples import read_at

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Rejected
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.one_frame import read_frame
-from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import SHORT_US, SPEC, TRUE_10_MS_US, Canvas, square, word
 from tests.builders.evidence_reference import word_log_likelihoods
 from tests.builders.samples import WEIGHER, evidence_at, observed, read_at

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.history import History, Identity
@@ -11,7 +12,6 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import FALSE_ID_RATE
 from ledpi.decode.reader import Reader
 from ledpi.decode.states import READ_EVERY, State
-from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import FRAME_ROWS, ROW_TIME_US, SHORT_US, SPEC, TRUE_10_MS_US, Canvas, reason, square, word
 from tests.builders.samples import observed
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import pytest
 
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.decode.evidence.light import LightWeigher
 from ledpi.decode.history import History
 from ledpi.decode.identify.codebook import Codebook
@@ -15,7 +16,6 @@ from ledpi.decode.identify.decision import FALSE_ID_RATE
 from ledpi.decode.observation import Observation
 from ledpi.decode.reader import Reader
 from ledpi.decode.states import TABLE, Event, Rule, State
-from ledpi.markers.dictionaries import load_dictionary
 from tests.builders import ROOT
 from tests.builders.decode import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, square, word
 from tests.builders.samples import observed

@@ -161,6 +161,28 @@ def test_a_square_is_not_followed_twice(tracker: Tracker) -> None:
     assert tracker.unread_tracks() == [beside, first]
 
 
+def test_a_square_that_had_no_turn_is_first_in_the_next_frame(tracker: Tracker) -> None:
+    """Else where a frame's time is too short for all, the older ones would never be read."""
+    waiting, other = follow(tracker, 1, PLACE, square(400, 200, 60))
+    tracker.begin_frame(2 * FRAME_NS)
+    waiting.waits = True
+    assert tracker.continue_track(other, quad(square(400, 200, 60))) is not None
+    tracker.begin_frame(3 * FRAME_NS)
+    assert tracker.unread_tracks() == [waiting, other]
+
+
+def test_a_panel_is_missing_until_it_is_shown(tracker: Tracker) -> None:
+    """Its place is known; what surely is no panel ends with the frame."""
+    read, lamp = follow(tracker, 1, PLACE, square(400, 200, 60))
+    read.history, lamp.is_none = read.history.enter(State.READ, SHOWN), True
+    tracker.begin_frame(2 * FRAME_NS)
+    (missing,) = tracker.missing_px()
+    assert missing == pytest.approx(PLACE, abs=0.1)
+    assert tracker.unread_tracks() == []
+    assert tracker.continue_track(read, quad(PLACE)) is not None
+    assert tracker.missing_px() == []
+
+
 # Four columns, of which three are PLACE; and a bezel around it.
 AROUND_PLACE = [np.array([[270.0, 170], [350, 170], [350, 230], [270, 230]]), square(300, 200, 66)]
 

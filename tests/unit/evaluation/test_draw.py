@@ -18,14 +18,14 @@ from evaluation.suites.conditions import (
 from evaluation.suites.draw import Take, draw_take
 from evaluation.suites.prints import aruco_reader, printed_id, printed_scene
 from evaluation.suites.units import photographed
+from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.sensor import sensor_info
+from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Decoded, Frame
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.truth import scene_truth
-from ledpi.tools.evaluate.scoring import FRAMES_A_TAKE
+from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE
 
 PANELS = PanelSettings(side_m=0.16)
 ALL_EXIST = PanelSettings(side_m=0.16, ids=tuple(range(50)))  # those too that a part of another panel can show

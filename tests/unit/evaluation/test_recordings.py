@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from evaluation.accuracy.recordings import measure, pipeline_for
-from ledpi.recording.reader import TruthMarker, load_recording
-from ledpi.tools.evaluate.recorded import frame_of
+from ledpi.camera.recording.reader import TruthMarker, load_recording
+from ledpi.workshop.evaluate.recorded import frame_of
 from tests.builders.daemon import write_recording
 
 

@@ -8,8 +8,8 @@ from evaluation import ROOT, results
 from evaluation.endurance import bridges
 from evaluation.speed import arm
 from evaluation.speed import panels as contests
-from ledpi.tools.evaluate.scoring import Tally
-from ledpi.tools.evaluate.table import TableRow, table_row
+from ledpi.workshop.evaluate.scoring import Tally
+from ledpi.workshop.evaluate.table import TableRow, table_row
 
 
 def row(suite: str, case: str, method: str, exposure_us: float = 10_000.0, **counts: object) -> TableRow:

@@ -18,11 +18,11 @@ from evaluation.suites.conditions import Condition, Suite
 from evaluation.suites.draw import Take, draw_take
 from evaluation.suites.plan import Plan
 from evaluation.suites.units import Unit, code_version, run_unit
+from ledpi.camera.recording.reader import load_recording
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError, LedpiError
-from ledpi.recording.reader import load_recording
-from ledpi.tools.evaluate.page import source_digest
+from ledpi.workshop.evaluate.page import source_digest
 
 SMALL = ("--suite", "paper", "--distance", "1", "--exposure-us", "10000", "--frames", "3")
 

@@ -19,11 +19,11 @@ from evaluation.suites.oracle import read_with_oracle
 from evaluation.suites.units import photographed
 from evaluation.suites.wild import draw_wild
 from evaluation.suites.wild_rows import TAKE_SPANS, WILD, Span, drawn
+from ledpi.camera.recording.reader import load_recording
+from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
 from ledpi.core.records import Frame
-from ledpi.recording.reader import load_recording
-from ledpi.simulate.truth import scene_truth
 
 pytest.importorskip("scipy", reason="scipy is not installed (extra: suites)")
 

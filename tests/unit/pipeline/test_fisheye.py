@@ -7,16 +7,16 @@ import math
 import numpy as np
 import pytest
 
+from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.scene import Panel, Scene, SimulatedSensor
+from ledpi.camera.simulate.sensor import sensor_info
+from ledpi.camera.simulate.trajectory import Still, facing_camera, rotation
 from ledpi.config.panels import PanelSettings
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.geometry import transform
 from ledpi.core.records import Intrinsics, PanelSpec
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Panel, Scene, SimulatedSensor
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.trajectory import Still, facing_camera, rotation
-from ledpi.tools.calibrate.camera import calibrate_camera
+from ledpi.workshop.calibrate.camera import calibrate_camera
 from tests.builders.lenses import BOARD, views_of
 
 FOCAL = 640 / math.radians(140)  # 140° across the picture

@@ -9,18 +9,18 @@ import cv2
 import numpy as np
 import pytest
 
+from ledpi.camera.simulate.scene import Panel, Scene, SimulatedSensor
+from ledpi.camera.simulate.scenes import drive_scene, ov5647_lens
+from ledpi.camera.simulate.trajectory import Gliding, facing_camera
 from ledpi.camera.simulated import SimulatedCamera
+from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import matrix_from_quaternion, transform
 from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, MarkerPose, PanelSpec, PanelValues, Pixels
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.pose.fix import Robot
 from ledpi.pose.panel_map import MapPanel
-from ledpi.simulate.scene import Panel, Scene, SimulatedSensor
-from ledpi.simulate.scenes import drive_scene, ov5647_lens
-from ledpi.simulate.trajectory import Gliding, facing_camera
 from tests.builders.decode import (
     FRAME_ROWS,
     PINHOLE,

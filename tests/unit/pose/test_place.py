@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ledpi.camera.recording.reader import TruthMarker
+from ledpi.camera.simulate.scene import Panel, Scene, SimulatedSensor
+from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
+from ledpi.camera.simulate.trajectory import Gliding, Still, facing_camera
+from ledpi.camera.simulate.truth import scene_truth
 from ledpi.core.geometry import rotation_angle_deg
 from ledpi.core.records import Detection, Frame, MarkerPose, PanelSpec, PlanarSolution, Rejected
 from ledpi.pose.corners import independent
 from ledpi.pose.fix import Robot
 from ledpi.pose.place import Placer
-from ledpi.recording.reader import TruthMarker
-from ledpi.simulate.scene import Panel, Scene, SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
-from ledpi.simulate.trajectory import Gliding, Still, facing_camera
-from ledpi.simulate.truth import scene_truth
 
 SENSOR = SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=whole_rows_us(10000, 33.67), row_time_us=33.67)
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)

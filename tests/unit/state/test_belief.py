@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ledpi.state.estimator import Estimator
-from tests.builders.state import SEAT, heard, look, room, state_at, still
+from ledpi.state.inputs import Odometry
+from tests.builders.state import RATE, SEAT, SECOND_NS, drive, heard, look, odometry, on_circle, room, state_at, still
 
 HERE, THERE = (0.0, 0.0, 0.0), (1.0, -1.0, 1.0)
 
@@ -74,3 +76,22 @@ def test_one_bad_look_is_no_rival_for_long() -> None:
     assert state_at(estimator, 1.05).contested
     heard(estimator, look(2, HERE, 1.1))
     assert not state_at(estimator, 1.1).contested
+
+
+@pytest.mark.parametrize("scale", [2.0, -1.0])
+def test_odometry_that_contradicts_the_panels_is_named_and_not_used(scale: float) -> None:
+    """Totals that run by twice as much, or backward: the state goes by panels alone, until the totals are right."""
+    estimator = Estimator(room(), SEAT)
+    for each in drive(9.0):
+        if isinstance(each, Odometry):
+            total = scale * RATE * each.t_ns * 1e-9
+            if each.t_ns > 4 * SECOND_NS:  # its totals begin anew, and run as they should
+                total = RATE * each.t_ns * 1e-9
+            each = odometry(each.t_ns * 1e-9, way_m=total, yaw_rad=total)
+        heard(estimator, each)
+        if each.t_ns == 4 * SECOND_NS:
+            state = state_at(estimator, 4.0)
+            assert [event.kind for event in state.events][-1] == "odometry_contradicts"
+            assert (state.by_odometry, state.contested, state.moved) == (False, False, ())
+            assert np.hypot(*(state.pose[:2] - on_circle(4.0)[:2])) < 0.03
+    assert state_at(estimator, 9.0).by_odometry

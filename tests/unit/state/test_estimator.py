@@ -11,22 +11,7 @@ import pytest
 from ledpi.core.records import Rejected
 from ledpi.state.estimator import Estimator
 from ledpi.state.inputs import Look, Odometry, OdometryNoise
-from tests.builders.state import SEAT, SECOND_NS, heard, look, odometry, room, state_at, still
-
-RATE = 0.5  # rad/s of a circle of 1 m
-
-
-def on_circle(t_s: float) -> tuple[float, float, float]:
-    """The pose of a robot that drives a circle of 1 m about the origin."""
-    return math.cos(RATE * t_s), math.sin(RATE * t_s), RATE * t_s + math.pi / 2
-
-
-def drive(seconds: float = 1.5) -> list[Look | Odometry]:
-    """Odometry at 100 Hz, and a look at a panel or two 30 times a second."""
-    times = np.arange(1, round(seconds * 100)) * 0.01
-    totals = [odometry(t, way_m=RATE * t, yaw_rad=RATE * t) for t in times.tolist()]
-    looks = [look(i, on_circle(t), t) for t in (times[::3] + 0.004).tolist() for i in (2, 3)[: 1 + (t > 0.5)]]
-    return sorted([*totals, *looks], key=lambda each: each.t_ns)
+from tests.builders.state import RATE, SEAT, SECOND_NS, drive, heard, look, odometry, on_circle, room, state_at, still
 
 
 def test_the_order_of_arrival_changes_no_bit() -> None:
@@ -62,6 +47,22 @@ def test_without_a_part_of_the_odometry_the_rest_holds(kind: str) -> None:
     assert error @ np.linalg.solve(state.covariance[:2, :2], error) < 13.8
     assert state.speed_m_s == pytest.approx(RATE, abs=0.1)
     assert state.turn_rad_s == pytest.approx(RATE, abs=0.2)
+
+
+def test_a_gyro_tells_the_yaw_also_where_wheels_could() -> None:
+    """A wheel spins by half a metre, which is a turn of 1.7 rad to the wheels; once the gyro is silent they tell it."""
+    estimator = Estimator(room(), SEAT, OdometryNoise(base_m=0.3))
+    still(estimator, {1: 0.0, 2: 0.0}, (0.0, 0.0, 0.0), 0.0, 1.0)
+    for k in range(11):
+        heard(estimator, replace(odometry(1 + 0.05 * k), right_m=0.05 * k))
+    state = state_at(estimator, 1.5)
+    assert state.pose[2] == pytest.approx(0.0, abs=0.01)
+    assert state.covariance[2, 2] < 0.02**2
+    for k in range(11):
+        heard(estimator, replace(odometry(1.55 + 0.05 * k), left_m=0.01 * k, right_m=0.5, yaw_rad=None))
+    turned = state_at(estimator, 2.05)
+    assert turned.pose[2] - state.pose[2] == pytest.approx(-0.1 / 0.3, abs=0.01)
+    assert turned.covariance[2, 2] > state.covariance[2, 2]
 
 
 def test_garbage_is_counted_and_changes_nothing() -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from ledpi.core.records import Floats
 from ledpi.state.filter import Filter
-from ledpi.state.inputs import OdometryNoise
 from ledpi.state.motion import OWN, POSE, Step, propagate
 from tests.builders.state import look, room
 
@@ -47,7 +46,7 @@ def test_the_covariance_moves_by_the_slopes_of_the_motion(step: Step) -> None:
 
 def test_one_look_is_weighed_with_the_state_as_by_hand() -> None:
     """Ahead of a panel 4 m away, both certain but for the way: variances 4 and 1 make a fifth of the difference."""
-    states = Filter(room(1e-9, 1e-9), (0.0, 0.0), OdometryNoise())
+    states = Filter(room(1e-9, 1e-9), (0.0, 0.0))
     states.P[0, 0], states.has_pose = 4e-4, True
     seen = look(1, (0.1, 0.0, 0.0), 0.0)
     object.__setattr__(seen, "range_share", 1e-9)
@@ -59,7 +58,7 @@ def test_one_look_is_weighed_with_the_state_as_by_hand() -> None:
 
 def test_a_start_is_where_the_panel_says_and_as_uncertain_as_panel_and_look() -> None:
     """From 4 m: the map's angle of 0.01 rad is 4 cm aside; along the ray its 1 cm, 1 % of 4 m, and the look's 1 cm."""
-    states = Filter(room(), (0.0, 0.0), OdometryNoise())
+    states = Filter(room(), (0.0, 0.0))
     states.start(look(1, (0.0, 0.0, 0.3), 0.0))
     assert np.allclose(states.x[:POSE], [0.0, 0.0, 0.3], atol=1e-9)
     yaw = 0.01**2 + 0.01**2 + 1e-4  # map's, decoder's, and the look's own
@@ -71,7 +70,7 @@ def test_a_start_is_where_the_panel_says_and_as_uncertain_as_panel_and_look() ->
 
 def test_of_two_mirror_poses_the_state_takes_the_one_that_leads() -> None:
     """A heading 0.5 rad aside is excluded by a state that knows it; one that does not takes the place alone."""
-    states = Filter(room(), (0.0, 0.0), OdometryNoise())
+    states = Filter(room(), (0.0, 0.0))
     states.start(look(1, (0.0, 0.0, 0.0), 0.0))
     first, second = look(1, (0.0, 0.0, 0.0), 0.05, mirror_rad=0.5), look(1, (0.0, 0.0, 0.5), 0.05, mirror_rad=-0.5)
     object.__setattr__(second, "pose", first.alternate)
@@ -83,7 +82,7 @@ def test_of_two_mirror_poses_the_state_takes_the_one_that_leads() -> None:
 
 def test_a_panel_beyond_four_of_its_deviations_contradicts_the_map() -> None:
     """The map says 1 cm of its place, the look 1 % of its distance."""
-    states = Filter(room(), (0.0, 0.0), OdometryNoise())
+    states = Filter(room(), (0.0, 0.0))
     states.start(look(1, (0.0, 0.0, 0.0), 0.0))
     told = []
     for number, value in ((0, 0.039), (0, -0.041), (3, 0.039), (3, 0.041)):

@@ -29,12 +29,12 @@ from ledpi.core.geometry import (
     transform,
 )
 from ledpi.core.records import Floats, Pose, RobotFix
-from ledpi.tools.doctor.checks import examine
 from ledpi.wire.mavlink import FRD_FROM_FLU, HEARTBEAT_PERIOD_NS, NED_FROM_ENU, Mavlink, Profile
 from ledpi.wire.message import MarkerMessage, NoFix, State, StatusMessage, fix_message, marker_message
 from ledpi.wire.outbox import Outbox
 from ledpi.wire.publisher import Publisher
 from ledpi.wire.resets import Resets
+from ledpi.workshop.doctor.checks import examine
 from tests.builders.daemon import SIMULATED, daemon, end
 from tests.builders.waiting import wait_until
 from tests.builders.wire import decoded, marker_pose, robot_fix

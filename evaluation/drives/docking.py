@@ -1,0 +1,138 @@
+"""Docking in closed loop: the example in C steers a simulated robot before panel 7, which is the map's origin.
+
+Its looks err as in looks.py; what the wire tells the controller are ledpi's own bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from evaluation.drives.cases import HIDDEN, ODOMETRY_LATE_NS, PICTURE_LATE_NS
+from evaluation.drives.looks import Looks
+from evaluation.drives.plant import Plant, steered
+from evaluation.drives.robot import BASE_M
+from evaluation.drives.room import BASE_FROM_CAMERA, place
+from ledpi.core.records import Floats
+from ledpi.pose.panel_map import MapPanel
+from ledpi.state.estimator import Estimator, State
+from ledpi.state.inputs import Look, Measured, Odometry, OdometryNoise
+from ledpi.wire.codec import encode
+from ledpi.wire.state_message import state_message
+
+PANEL, HEIGHT_M = 7, 0.45
+SEAT = BASE_FROM_CAMERA[:2, 3]
+GOAL = (-0.60, 0.0, 0.0)  # the camera half a metre before the panel
+WALL_M = -0.25  # of base_link: the robot touches it
+MOST_S = 60.0
+EACH_STEPS, FRAME_STEPS = 2, 5  # of 10 ms: odometry and states 50 times a second, pictures 20 times
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Docking:
+    """Faults beside those that always are."""
+
+    gyro: bool = True
+    side_share: float = 0.0  # by which the panel is larger than panels.side_m says
+    mount_rad: float = 0.0  # by which the camera looks to the left of where robot.camera_mount says
+    dead_band_m_s: float = 0.015
+    cut_s: float = math.inf  # the line to the controller
+
+
+DOCKINGS = {
+    "dock": Docking(),
+    "dock_wheels": Docking(gyro=False),
+    "dock_side": Docking(side_share=0.01),
+    "dock_mount": Docking(mount_rad=math.radians(1)),
+    "dock_dead": Docking(dead_band_m_s=0.04),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Docked:
+    """The end of a drive."""
+
+    error: Floats  # x, y, yaw beside the goal
+    seconds: float
+    touched: bool  # the wall
+    moving_s: float  # when the motors were last told to move
+
+    @property
+    def row(self) -> dict[str, float]:
+        off_mm, off_deg = 1e3 * float(np.hypot(*self.error[:2])), math.degrees(abs(self.error[2]))
+        return {"dock_mm": off_mm, "dock_deg": off_deg, "dock_s": self.seconds, "touched": float(self.touched)}
+
+
+def start_of(rng: np.random.Generator) -> Floats:
+    """0.6 to 2.5 m from the camera to the panel, up to 50° aside of its axis, the panel up to 15° aside in view."""
+    aside, away = math.radians(rng.uniform(-50, 50)), rng.uniform(0.6, 2.5) + SEAT[0]
+    return np.array([-away * math.cos(aside), away * math.sin(aside), -aside + math.radians(rng.uniform(-15, 15))])
+
+
+class Eyes:
+    """The panel as it is seen, late, from a camera that is not quite where the configuration says."""
+
+    def __init__(self, rng: np.random.Generator, asked: Docking) -> None:
+        at = {PANEL: np.array([0.0, 0.0, math.pi])}
+        self._looks, self._asked = Looks(rng, at, at, HIDDEN, HEIGHT_M), asked
+
+    def see(self, t_s: float, pose: Floats) -> list[Look]:
+        """Looks as from where base_link would be if the camera's seat were right."""
+        x, y, yaw = pose.tolist()
+        turned = yaw + self._asked.mount_rad
+        camera = (x + SEAT[0] * math.cos(yaw), y + SEAT[0] * math.sin(yaw))
+        seen = np.array([camera[0] - SEAT[0] * math.cos(turned), camera[1] - SEAT[0] * math.sin(turned), turned])
+        return [self._farther(look) for look in self._looks.frame(t_s, seen)]
+
+    def _farther(self, look: Look) -> Look:
+        share = 1 / (1 + self._asked.side_share)
+
+        def moved(pose: Measured) -> Measured:
+            value = pose.value.copy()
+            value[:2] = SEAT + (value[:2] - SEAT) * share
+            return replace(pose, value=value)
+
+        other = None if look.alternate is None else moved(look.alternate)
+        return replace(look, pose=moved(look.pose), alternate=other)
+
+
+def panel_alone() -> dict[int, MapPanel]:
+    """The map: its origin is the panel."""
+    return {PANEL: MapPanel(map_from_marker=place(0, 0, math.pi, HEIGHT_M))}
+
+
+def dock(seed: int, asked: Docking) -> Docked:
+    """Drives once."""
+    rng = np.random.default_rng([seed, 7])
+    plant = Plant(rng, start_of(rng), asked.dead_band_m_s)
+    eyes = Eyes(rng, asked)
+    estimator = Estimator(panel_alone(), BASE_FROM_CAMERA, OdometryNoise(base_m=None if asked.gyro else BASE_M))
+    late: list[tuple[int, Look | Odometry]] = []
+    motion, docked, moving_s, sequence = (0.0, 0.0), False, 0.0, 0
+    with steered() as steers:
+        steers.begin(GOAL, -GOAL[0])
+        ends_s = min(MOST_S, asked.cut_s + 1)
+        while plant.t_ns < ends_s * 1e9 and plant.pose[0] < WALL_M and not docked:
+            plant.step(*motion)
+            now_ns = plant.t_ns
+            if plant.k % FRAME_STEPS == 0:
+                late += [(now_ns + PICTURE_LATE_NS, look) for look in eyes.see(now_ns * 1e-9, plant.pose)]
+            if plant.k % EACH_STEPS:
+                continue
+            late.append((now_ns + ODOMETRY_LATE_NS, plant.odometry()))
+            for at_ns, what in late:
+                if at_ns <= now_ns:
+                    add = estimator.add_look if isinstance(what, Look) else estimator.add_odometry
+                    add(what, at_ns)  # type: ignore[arg-type]
+            late = [each for each in late if each[0] > now_ns]
+            found = estimator.at(now_ns)
+            state = found if isinstance(found, State) else None
+            clock_us = (now_ns if state is None else state.t_ns) // 1000
+            if now_ns < asked.cut_s * 1e9:
+                steers.hear(b"\0" + encode(state_message(state, clock_us=clock_us), sequence), now_ns // 1000)
+                sequence = sequence % 0xFFFF + 1
+            motion, docked = steers.dock(now_ns // 1000)
+            moving_s = now_ns * 1e-9 if any(motion) else moving_s
+    return Docked(plant.pose - GOAL, plant.t_ns * 1e-9, bool(plant.pose[0] >= WALL_M), moving_s)

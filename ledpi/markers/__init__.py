@@ -1,1 +1,0 @@
-"""ArUco dictionaries, and what a codeword shows on a panel."""

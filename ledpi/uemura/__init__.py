@@ -1,1 +1,0 @@
-"""The source paper's method, step by step: the baseline that the other decoder is compared with."""

@@ -1,0 +1,146 @@
+"""All checks, in the order of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from ledpi.config.panels import PanelSettings
+from ledpi.config.robot import load_own_map, unreadable_note
+from ledpi.config.settings import SEARCH_PATH, Config, SerialSettings
+from ledpi.core.codewords import format_ranges
+from ledpi.core.errors import LedpiError, WireError
+from ledpi.core.wording import counted, one_line
+from ledpi.workshop.doctor import camera, machine, outputs, ports, running, speed
+from ledpi.workshop.doctor.finding import Finding, bad, ok, unknown
+
+
+def configuration(file: Path | None, *, asked_for: bool) -> Finding:
+    """Which one is read. In a clone of the repository that is the clone's, whatever was written to the service's."""
+    service = SEARCH_PATH[-1]
+    if file is None:
+        return ok("configuration", "from --set alone")
+    if asked_for or not service.is_file() or file.samefile(service):
+        return ok("configuration", str(file))
+    said = f"{file} of this folder; the service reads {service}"
+    remedy = f"to use the service's: leave this folder, or give --config {service}"
+    return unknown("configuration", said, remedy)
+
+
+def examine(config: Config, *, is_given: bool = True) -> Iterator[Finding]:
+    """Each finding as soon as it is known; the camera takes some seconds, and the speed.
+
+    Without `is_given` there is no configuration, and these are the defaults: a daemon is asked whatever it runs with.
+    """
+    kind, _, place = config.camera.source.partition(":")
+    if (other := running.other_file(config)) is not None:
+        yield other
+    tap, daemon = running.connected(config, any_camera=not is_given), None
+    yield machine.packages()
+    if tap is not None and not is_given:
+        kind = ""
+    if kind == "picamera2":
+        yield machine.picamera2()
+        yield machine.permissions(("/dev/media*", "/dev/dma_heap/*"))
+    elif kind == "v4l2":
+        yield machine.permissions((place,))
+    if tap is None:
+        yield from _to_its_end("camera", _camera(config))
+    else:
+        daemon = tap.hello.get("pid")
+        with tap:
+            yield from _to_its_end("daemon", running.examine(tap, config if is_given else None))
+    yield _panel_ids(config.panels)
+    yield _map(config)
+    yield from _to_its_end("serial port", _serial(config.serial, daemon))
+    if config.serial.protocol == "mavlink":
+        yield _mavlink()
+    yield from _to_its_end("outputs", outputs.examine(config))
+    yield machine.disk()
+    yield from machine.kept(config.file or machine.CALIBRATION_FOLDER)
+    yield machine.clock()
+    yield machine.throttling()
+    if tap is None:  # a daemon that runs says itself whether it keeps up
+        yield speed.speed(config)
+
+
+def _to_its_end(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:
+    """Yields all of them; what nobody has foreseen is a finding, too: the page goes on."""
+    try:
+        yield from findings
+    except Exception as error:
+        said = f"could not be looked at: {type(error).__name__}: {one_line(str(error))}"
+        yield bad(name, said, "`ledpi run` says more", stops_daemon=True)
+
+
+def _camera(config: Config) -> Iterator[Finding]:
+    found, info = camera.camera(config)
+    yield from found
+    if info is not None:
+        yield camera.frequencies(config, info)
+    yield camera.intrinsics(config, info)
+
+
+def _panel_ids(panels: PanelSettings) -> Finding:
+    """Which are reported; those that have an override should be."""
+    if note := panels.unreported_note(panels.overrides):
+        return bad("panel IDs", f"panels.overrides: {note}", "list all your panels in panels.ids")
+    if panels.ids is not None:
+        listed = f"panels.ids: {format_ranges(sorted(panels.ids))}"
+        return ok("panel IDs", "; ".join(filter(None, (listed, panels.reflection_note()))))
+    words = len(panels.words.codewords)
+    return ok("panel IDs", panels.unreported_note(range(words)) or f"all of {panels.dictionary}")
+
+
+def _map(config: Config) -> Finding:
+    """Read as the daemon does, which does not start with a broken one."""
+    try:
+        panels = load_own_map(config)
+    except LedpiError as error:
+        return bad("map", str(error), "correct it, or make one with `ledpi calibrate map`", stops_daemon=True)
+    if panels is None:
+        return unknown("map", "map is not set: panel positions are sent, no robot position")
+    strangers = unreadable_note(config.panels, panels, config.map)
+    if strangers:
+        return bad("map", strangers, "correct their IDs, panels.dictionary or panels.ids")
+    return ok("map", f"{config.map}: {counted(len(panels), 'panel')}")
+
+
+def _serial(settings: SerialSettings, daemon: int | None) -> Iterator[Finding]:
+    """`daemon`: the process that has the port, if one runs."""
+    port = settings.port
+    if daemon is None:
+        yield unknown("serial port", running.NO_PORT) if port is None else _serial_port(port, settings.baud)
+    if port is None:
+        return
+    notes = (ports.shared(port, but=daemon), ports.name(port), ports.pins(port), ports.allowed(port), ports.rule())
+    yield from (note for note in notes if note is not None)
+    yield ports.console(port)
+
+
+def _serial_port(port: str, baud: int) -> Finding:
+    """Opened as the daemon does; without it the daemon runs, and tries again and again."""
+    from ledpi.wire.line import open_port
+
+    try:
+        open_port(port, baud).close()
+    except WireError as error:
+        what, in_use, holder = str(error).partition(", held by ")
+        if in_use:
+            return bad("serial port", what, f"it is held by {holder}")
+        if "in use" in what:
+            return bad(
+                "serial port", what, "`sudo ledpi doctor` names it; `sudo systemctl stop ledpi`, if it is the daemon"
+            )
+        return bad("serial port", what, ports.remedy())
+    return ok("serial port", f"{port}, {baud} baud")
+
+
+def _mavlink() -> Finding:
+    from ledpi.wire.mavlink import load_dialect
+
+    try:
+        load_dialect()
+    except LedpiError as error:
+        return bad("mavlink", str(error), "install it, or set serial.protocol: ledpi", stops_daemon=True)
+    return ok("mavlink", "pymavlink is installed")

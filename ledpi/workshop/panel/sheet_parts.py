@@ -1,0 +1,145 @@
+"""Parts to buy for a panel, what its electrics come to, as rows of text, and its walls and section, drawn."""
+
+from __future__ import annotations
+
+import math
+
+from ledpi.workshop.panel.body import SLOT_PLAY_MM, Body
+from ledpi.workshop.panel.circuit import Circuit, ohm_text
+from ledpi.workshop.panel.paper import MARGIN_MM, Page, box
+from ledpi.workshop.panel.schematic import GATE_OHM, PULL_DOWN_OHM
+
+_MOSFETS = ((30, "AO3400A (SMD) or FQP30N06L (TO-220)"), (60, "FQP30N06L (TO-220)"), (100, "IRL520N (TO-220)"))
+CRYSTAL = "ATmega328P, 5 V, 16 MHz; with a crystal, not a resonator"
+_SPREAD_V = 0.1  # of LEDs of one batch
+
+_LEFT = MARGIN_MM + 20
+_MAX_WIDTH_MM, _MAX_HEIGHT_MM = 120.0, 30.0  # that a wall is drawn
+_CELL = 40.0  # of the section
+
+
+def electrics(circuit: Circuit) -> list[tuple[str, str]]:
+    """Lists what, and how much."""
+    spread_v = _SPREAD_V * circuit.leds
+    low_ma, high_ma = (1e3 * (circuit.headroom_v + off_v) / circuit.resistor_ohm for off_v in (-spread_v, spread_v))
+    black_ma, white_ma = (1e3 * amperes for amperes in circuit.class_a)
+    series = "LEDs in series" if circuit.leds > 1 else "LED"
+    rows = [
+        ("each cell", f"{circuit.leds} {series}, and one resistor of {ohm_text(circuit.resistor_ohm)} (E24)"),
+        (
+            "left for the resistor",
+            f"{circuit.supply_v:g} V − {circuit.leds} × {circuit.forward_v:g} V = {circuit.headroom_v:.2f} V",
+        ),
+        (
+            "current while on",
+            f"{1e3 * circuit.cell_a:.1f} mA; {low_ma:.1f} to {high_ma:.1f} mA as LEDs differ by ± {_SPREAD_V:g} V",
+        ),
+        ("resistor", f"{1e3 * circuit.resistor_w:.0f} mW while on; take one for {circuit.resistor_rating_w:g} W"),
+        (
+            "through the MOSFETs",
+            f"black {black_ma:.0f} mA ({circuit.cells[0]} cells), white {white_ma:.0f} mA ({circuit.cells[1]} cells)",
+        ),
+        ("whole panel", f"{circuit.panel_w:.1f} W on average; each class is on for half of the time"),
+    ]
+    return rows
+
+
+def parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
+    """(pieces, part, what it must be)."""
+    outer = f"{body.outer_mm:g} × {body.outer_mm:g} mm"
+    return [
+        *_electric_parts(body, circuit),
+        ("1", "diffuser", f"opal acrylic, 2 to 3 mm, {outer}"),
+        ("1", "frame", f"opaque, dark, matt, {outer}; opening {body.side_mm:g} × {body.side_mm:g} mm"),
+        ("1", "back plate", f"{outer}; holes as on the page “from the back”"),
+        *walls(body),
+    ]
+
+
+def _electric_parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
+    count = body.cells**2
+    volts, example = next((v, name) for v, name in _MOSFETS if v >= circuit.mosfet_v)
+    amperes = max(1.0, 3 * max(circuit.class_a))
+    return [
+        ("1", "Arduino Uno or Nano", CRYSTAL),
+        (
+            str(count * circuit.leds),
+            f"LED, {body.led_mm:g} mm",
+            f"white, {circuit.forward_v:g} V, wide beam (120°); all of one batch",
+        ),
+        (str(count), f"resistor {ohm_text(circuit.resistor_ohm)}", f"{circuit.resistor_rating_w:g} W, 1 %"),
+        (
+            "2",
+            "MOSFET, N-channel",
+            f"fully on at 4.5 V (logic level); from {volts} V and {amperes:.0f} A on; gate charge ≤ 20 nC:\n"
+            f"{example}, for example",
+        ),
+        ("2 + 2", f"resistor {ohm_text(GATE_OHM)}, {ohm_text(PULL_DOWN_OHM)}", "0.125 W; pin to gate, and gate to GND"),
+        ("1", "supply", f"{circuit.supply_v:g} V, {circuit.supply_rating_a:g} A; fuse, and 100 µF beside the panel"),
+        ("1", "the Arduino's own supply", "USB charger of 5 V, and its cable; GND joined with the panel's"),
+    ]
+
+
+def walls(body: Body) -> list[tuple[str, str, str]]:
+    """The walls between the cells and around them."""
+    board = f"{body.wall_mm:g} mm thick, {body.depth_mm:g} mm high, white, opaque"
+    outer = ("2 + 2", "outer wall", f"{body.side_mm:g} and {body.side_mm + 2 * body.wall_mm:g} mm long, {board}")
+    if body.cells == 1:
+        return [outer]
+    return [(str(2 * (body.cells - 1)), "wall between cells", f"{body.side_mm:g} mm long, {board}"), outer]
+
+
+def draw_wall(page: Page, body: Body, y: float) -> None:
+    """One of them with its slots; `y` is the page's height of its lower edge."""
+    long = min(_MAX_WIDTH_MM, body.side_mm)
+    scale = long / body.side_mm
+    high = min(_MAX_HEIGHT_MM, scale * body.depth_mm)
+    box(page.paper, _LEFT, y, long, high)
+    slot = max(0.8, scale * (body.wall_mm + SLOT_PLAY_MM))
+    for number in range(1, body.cells):
+        at = _LEFT + number * scale * body.pitch_mm
+        box(page.paper, at - slot / 2, y + high / 2, slot, high / 2, facecolor="0.85")
+    _dimension(page, (_LEFT, y - 4), (_LEFT + long, y - 4), f"{body.side_mm:g}")
+    _dimension(page, (_LEFT - 6, y), (_LEFT - 6, y + high), f"{body.depth_mm:g}")
+    if body.cells > 1:
+        _dimension(page, (_LEFT, y + high + 3), (_LEFT + scale * body.pitch_mm, y + high + 3), f"{body.pitch_mm:.4g}")
+    half = body.cells - 1
+    text = (
+        f"{2 * half} pieces, {body.wall_mm:g} mm thick\n"
+        f"slots {body.wall_mm + SLOT_PLAY_MM:.1f} × {body.depth_mm / 2:g} mm\n"
+        f"{half} slotted from above,\n{half} from below"
+    )
+    page.paper.text(_LEFT + long + 4, y + high / 2, text, fontsize=7, va="center")
+
+
+def draw_section(page: Page, body: Body, y: float) -> None:
+    """Back plate, walls, diffuser and frame from the side, as if there were two cells."""
+    deep = min(_MAX_HEIGHT_MM, _CELL * body.depth_mm / body.pitch_mm)
+    layers = (
+        ("back plate with the LEDs", -3.0, 3.0, "0.75"),
+        ("diffuser", deep, 3.0, "#dcebfa"),
+        ("frame", deep + 3.0, 2.5, "0.3"),
+    )
+    for name, bottom, thick, colour in layers:
+        box(page.paper, _LEFT - 6, y + bottom, 2 * _CELL + 12, thick, facecolor=colour, lw=0.6)
+        page.paper.text(_LEFT + 2 * _CELL + 9, y + bottom + thick / 2, name, fontsize=7, va="center")
+    box(page.paper, _LEFT, y + deep + 3.0, 2 * _CELL, 2.5, facecolor="white", lw=0.6)
+    wall = _CELL * body.wall_mm / body.pitch_mm
+    for at in (-wall, _CELL - wall / 2, 2 * _CELL):  # the outer ones stand outside the lit square
+        box(page.paper, _LEFT + at, y, wall, deep, facecolor="0.9", lw=0.6)
+    across = math.ceil(math.sqrt(body.leds))
+    for led in range(2 * across):
+        box(page.paper, _LEFT + (led + 0.5) / across * _CELL - 1.2, y, 2.4, 2.6, facecolor="#ffe9a8", lw=0.6)
+    _dimension(page, (_LEFT - 10, y), (_LEFT - 10, y + deep), f"{body.depth_mm:g}")
+    opening = f"opening of the frame = lit square: {body.side_mm:g} ({body.cells} cells)"
+    _dimension(page, (_LEFT, y + deep + 8), (_LEFT + 2 * _CELL, y + deep + 8), opening)
+
+
+def _dimension(page: Page, start: tuple[float, float], end: tuple[float, float], text: str) -> None:
+    """A dimension line with its measure in millimetres."""
+    page.paper.annotate("", end, start, arrowprops={"arrowstyle": "<->", "lw": 0.6, "shrinkA": 0, "shrinkB": 0})
+    x, y = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
+    if start[0] == end[0]:
+        page.paper.text(x - 2.2, y, text, fontsize=7, ha="right", va="center")
+    else:
+        page.paper.text(x, y + 0.8, text, fontsize=7, ha="center", va="bottom")

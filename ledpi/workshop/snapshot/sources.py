@@ -1,0 +1,121 @@
+"""A frame that shows a panel: of a camera, or of the running daemon."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ledpi.camera.base import Camera, GainFollower
+from ledpi.config.settings import Config
+from ledpi.core.errors import CameraError, TapError
+from ledpi.core.records import CameraInfo, Frame, Intrinsics, Rejected
+from ledpi.daemon.tap.client import Client, connect
+from ledpi.daemon.tap.frames import camera_of, frame_of
+from ledpi.pipeline.diagnosis.why_not import RUN_FRAMES
+from ledpi.pipeline.of_config import load_robot
+from ledpi.pipeline.pipeline import Pipeline
+
+EXPOSE_S = 4.0  # twice what the gain's sweep takes
+LOOK_FRAMES = 30  # half a second of a camera
+UNUSABLE_FRAMES = 30  # in a row, half a second of a camera, after which it is given up
+
+
+class Looking:
+    """Looks through an open camera; through `lens`, if it is known."""
+
+    def __init__(self, camera: Camera, settings: Config, lens: Intrinsics | None) -> None:
+        self._camera, self._settings, self._lens = camera, settings, lens
+        self._into = np.empty((camera.info.height, camera.info.width), np.uint8)
+        self.run: deque[Frame] = deque(maxlen=RUN_FRAMES)  # the last of `frames`, each in a place of its own
+
+    def expose(self) -> None:
+        """Looks for the panels with every gain, where the gain is `auto`, for EXPOSE_S at most."""
+        follower = GainFollower(self._camera)
+        if follower.settled:
+            return
+        pipeline = self._pipeline(stream=True)
+        end_s = time.monotonic() + EXPOSE_S
+        while not follower.settled and time.monotonic() < end_s:
+            frame = self._camera.read(self._into)
+            if frame is None:
+                return
+            if isinstance(frame, Frame):
+                follower.update(frame, pipeline.decode(frame))
+
+    def frames(self) -> Iterator[Frame]:
+        """Frame by frame, each in the place of the one before, until the camera's end. Raises CameraError."""
+        unusable = 0
+        while (frame := self._camera.read(self._into)) is not None:
+            if not isinstance(frame, Rejected):
+                unusable = 0
+                self.run.append(replace(frame, pixels=frame.pixels.copy()))
+                yield frame
+                continue
+            unusable += 1
+            if unusable >= UNUSABLE_FRAMES:
+                name = self._settings.camera.source
+                raise CameraError(f"camera.source: {name} gave {unusable} unusable frames in a row: {frame.key}")
+
+    def showing_a_panel(self) -> Frame | None:
+        """The first that shows a panel by itself; where none of LOOK_FRAMES does, the last, to show why."""
+        alone, frame = self._pipeline(stream=False), None
+        for frame in itertools.islice(self.frames(), LOOK_FRAMES):
+            if alone.decode(frame).markers:
+                break
+        return frame
+
+    def _pipeline(self, *, stream: bool) -> Pipeline:
+        camera, settings = self._camera, self._settings
+        method = settings.decode.method if not stream else "likelihood"
+        return Pipeline(
+            camera.info, settings.panels, intrinsics=self._lens, source_panel=camera.panel, method=method, stream=stream
+        )
+
+
+class Taken(NamedTuple):
+    """A frame, and what the daemon says of its camera."""
+
+    title: str
+    frame: Frame
+    camera: CameraInfo
+    run: tuple[Frame, ...]  # the last ones, up to it
+
+
+def connected(config: Path | None) -> Client | None:
+    """To the daemon that runs here; None where none does, or where it has another configuration than `config`."""
+    try:
+        tap = connect()
+    except TapError:
+        return None
+    used = tap.hello.get("config_path")
+    if config is None or (used is not None and Path(used) == config.absolute()):
+        return tap
+    tap.close()
+    return None
+
+
+def showing_a_panel(tap: Client, settings: Config, of_frames: int) -> Taken:
+    """The first that shows a panel by itself; where none of so many does, the last, to show why. Raises TapError."""
+    camera = camera_of(tap.hello)
+    alone = Pipeline(
+        camera,
+        settings.panels,
+        intrinsics=camera.intrinsics,
+        robot=load_robot(settings),
+        method=settings.decode.method,
+        stream=False,
+    )
+    run: deque[Frame] = deque(maxlen=RUN_FRAMES)
+    for _ in range(of_frames):
+        frame = frame_of(tap.hello, tap.picture())
+        run.append(frame)
+        if alone.decode(frame).markers:
+            break
+    return Taken(f"running daemon (pid {tap.hello.get('pid')}), frame {frame.seq}", frame, camera, tuple(run))
