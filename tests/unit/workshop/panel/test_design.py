@@ -363,6 +363,7 @@ def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(re.findall(r"\S+ Hz \(black cells\) and \S+ Hz \(white\): " + read, first)) == 2
     assert first.startswith("best are ")
     assert re.findall(r"^(\d|antiphase|present) ", output, re.MULTILINE) == [*"12345", "antiphase", "present"]
+    assert re.search(r"^present: unusable: .*null", output, re.MULTILINE)
     config = load_config(Path("design/panel.yaml"))
     assert config.panels.side_m == 0.16
     assert config.camera.frame_duration_us == round(504.25 * OV5647_ROW_TIME_US)
