@@ -59,14 +59,16 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 class _StopTogether:
-    """Ends all processes of a run after so many failures of all: each failure is a byte in a file that they share."""
+    """Ends all processes of a run after so many failures of all, bytes in a file that they share; a hang is three."""
 
     def __init__(self, session: pytest.Session, run: str) -> None:
         self._session, self._file = session, Path(tempfile.gettempdir()) / f"ledpi-failures-{run}"
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if not report.failed:
+            return
         with self._file.open("ab") as file:
-            file.write(b"x" * report.failed)
+            file.write(b"x" if report.duration < LIMIT_S / 2 else b"xxx")
             if file.tell() >= self._session.config.getvalue("maxfail"):
                 self._session.shouldstop = f"after {file.tell()} failures"
 
