@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -49,6 +50,27 @@ def _first_and_last(items: list[pytest.Item]) -> set[pytest.Item]:
         whole = item.nodeid if item.get_closest_marker("table") else item.nodeid.partition("[")[0]
         cases.setdefault(whole, []).append(item)
     return {case for of_one in cases.values() for case in (of_one[0], of_one[-1])}
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """xdist's own `--maxfail` lets each process finish what it was given: hundreds of tests."""
+    if hasattr(session.config, "workerinput") and session.config.getvalue("maxfail"):
+        session.config.pluginmanager.register(_StopTogether(session, session.config.workerinput["testrunuid"]))
+
+
+class _StopTogether:
+    """Ends all processes of a run after so many failures of all, bytes in a file that they share; a hang is three."""
+
+    def __init__(self, session: pytest.Session, run: str) -> None:
+        self._session, self._file = session, Path(tempfile.gettempdir()) / f"ledpi-failures-{run}"
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if not report.failed:
+            return
+        with self._file.open("ab") as file:
+            file.write(b"x" if report.duration < LIMIT_S / 2 else b"xxx")
+            if file.tell() >= self._session.config.getvalue("maxfail"):
+                self._session.shouldstop = f"after {file.tell()} failures"
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -191,7 +191,7 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
     dictionary = load_dictionary(panels.dictionary)
     drawn = _add_reach(task, dictionary, reach_views(task), [*proposals, ("present", present)])
     own = drawn[-1]
-    pairs, antiphases = (_farthest_first(drawn, kind, own) for kind in ("pair", "antiphase"))
+    pairs, antiphases = (farthest_first(drawn, kind, own) for kind in ("pair", "antiphase"))
     rows = [*((str(n), p, r) for n, (_, p, r) in enumerate(pairs, 1)), *antiphases[:1], own]
     antiphase = antiphases[0] if antiphases else None
     best = pairs[0] if pairs[0][2].is_beyond(own[2]) else own
@@ -215,7 +215,7 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
         _write(out, task, rows, lines)
 
 
-def _farthest_first(
+def farthest_first(
     rows: list[tuple[str, Proposal, Reach]], kind: str, present: tuple[str, Proposal, Reach]
 ) -> list[tuple[str, Proposal, Reach]]:
     """By how far they carry, to two digits, as the draws tell no more; equals as they came.

@@ -54,7 +54,7 @@ def view(
     if socket_path is None:
         raise ConfigError("tap.socket: is null, so the daemon shows nothing; must be auto, or the daemon's path")
     hub = Hub(socket_path)
-    server, token = _open(settings.view, hub, Settings(hub, file, set_))
+    server, token = open_server(settings.view, hub, Settings(hub, file, set_))
     ending = {signal.SIGINT, signal.SIGTERM}
     signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # from here on they wait to be waited for
     typer.echo(f"open http://{_shown_host(server)}:{server.server_port}/#token={token}")
@@ -82,7 +82,7 @@ def _share_memory() -> None:
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
 
 
-def _open(settings: ViewSettings, hub: Hub, keys: Settings) -> tuple[ViewServer, str]:
+def open_server(settings: ViewSettings, hub: Hub, keys: Settings) -> tuple[ViewServer, str]:
     """The listening server, and the token that it wants. Raises ConfigError where the address cannot be had."""
     host, port = settings.address
     token = settings.token or kept_token()

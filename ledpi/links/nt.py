@@ -96,7 +96,7 @@ class NtTarget:
         offset_us, published_us = self._instance.getServerTimeOffset() or 0, int(ntcore._now())
         captured_us = _nt_time(int(frame["exposed_ns"]), now_ns) + offset_us
         table = f"/photonvision/{self._photon_camera}"
-        raw = self._publisher(f"{table}/rawBytes", _publish_photon, "Raw")
+        raw = self._publisher(f"{table}/rawBytes", publish_photon, "Raw")
         raw.set(photon.packet(frame, self._size, captured_us, published_us + offset_us, self._mount), published_us)
         beat = self._publisher(f"{table}/heartbeat", _publish, "Integer")
         beat.set(frame["seq"], published_us)
@@ -125,7 +125,7 @@ def _publish_struct(type_name: str, topic: Any, options: Any) -> Any:
     return topic.publish(type_name, options)
 
 
-def _publish_photon(topic: Any, options: Any) -> Any:
+def publish_photon(topic: Any, options: Any) -> Any:
     return topic.publishEx(photon.TYPE, photon.PROPERTIES, options)
 
 

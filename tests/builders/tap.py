@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import select
 import socket
 import time
 from collections.abc import Iterator
@@ -105,6 +106,12 @@ class Raw:
         while (line := self.line())["type"] != kind:
             pass
         return line
+
+    def is_hung_up(self) -> bool:
+        """Without reading anything."""
+        poll = select.poll()
+        poll.register(self.socket, 0)
+        return bool(poll.poll(0))
 
     def is_closed(self) -> bool:
         """Reads all that is left."""

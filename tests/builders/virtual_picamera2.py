@@ -174,7 +174,7 @@ class VirtualPicamera2(Picamera2):
         VirtualPicamera2.behaviour.tunings.append(os.environ.get("LIBCAMERA_RPI_TUNING_FILE"))
         super()._open_camera()
         self._number = 0
-        self._asked: list[tuple[int, dict[str, Any]]] = []  # from this frame on, these controls
+        self.asked: list[tuple[int, dict[str, Any]]] = []  # from this frame on, these controls
         VirtualPicamera2.behaviour.opened.append(self)
 
     def configure_(self, camera_config: Any) -> None:
@@ -190,15 +190,15 @@ class VirtualPicamera2(Picamera2):
 
     def start_(self) -> None:
         self._number = 0
-        self._asked = [(self.behaviour.unsettled, self.controls.make_dict())]
+        self.asked = [(self.behaviour.unsettled, self.controls.make_dict())]
         self._start_ns = time.monotonic_ns()
         super().start_()
 
     def set_controls(self, controls: Any) -> None:
         super().set_controls(controls)
         if self.started:
-            latest = self._asked[-1][1]
-            self._asked.append((self._number + self.behaviour.unsettled, latest | controls))
+            latest = self.asked[-1][1]
+            self.asked.append((self._number + self.behaviour.unsettled, latest | controls))
 
     # -- Pace, and metadata
 
@@ -236,7 +236,7 @@ class VirtualPicamera2(Picamera2):
 
     def _photograph(self) -> dict[str, Any]:
         """Waits for the next frame's read-out, and says how it was made."""
-        acting = [asked for since, asked in self._asked if self._number >= since]
+        acting = [asked for since, asked in self.asked if self._number >= since]
         asked = acting[-1] if acting else {"ExposureTime": 1500, "AnalogueGain": 1.0, "FrameDurationLimits": (16001, 0)}
         rows = max(504, int(asked["FrameDurationLimits"][0] / ROW_US))
         period_ns = round(rows * ROW_US * 1e3)

@@ -134,13 +134,15 @@ def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(
 
 
 def test_all_of_a_network_get_datagrams(daemon: MadeUpDaemon, tmp_path: Path) -> None:
-    """By its broadcast address, which the kernel permits only to who asks for it."""
+    """By its broadcast address, which the kernel permits only to who asks for it; states between frames, too."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("", 0))
         listener.settimeout(limit_s())
         far = {"kind": "udp", "host": "127.255.255.255", "port": listener.getsockname()[1]}
         with bridge(far, tmp_path / "tap.sock", tmp_path):
             assert b"decoded" in listener.recv(1 << 16) + listener.recv(1 << 16)
+            daemon.frame = {"type": "robot_state", "t_ns": time.monotonic_ns()}
+            wait_until(lambda: b"robot_state" in listener.recv(1 << 16))
 
 
 @pytest.mark.slow
@@ -185,21 +187,17 @@ def test_no_fault_on_either_side_stops_it(far: Far, running: Running, daemon: Ma
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trouble", ["vanish", "block"])
-def test_memory_stays_as_it_is_while_a_far_end_is_in_trouble(
-    far: Far, running: Running, daemon: MadeUpDaemon, trouble: str
-) -> None:
-    """More than a thousand frames would be some megabytes, were they kept."""
-    if isinstance(far, Stdout) and trouble == "vanish":
-        pytest.skip("a bridge ends with its pipe")
+def test_memory_stays_as_it_is_while_a_far_end_is_in_trouble(far: Far, running: Running, daemon: MadeUpDaemon) -> None:
+    """Half of them vanish, the others block. A thousand frames would be some megabytes, were they kept."""
+    vanishes = far.kind in ("tcp", "nt", "zenoh")
     shows(daemon, 100)
-    far.vanish() if trouble == "vanish" else far.block()
+    far.vanish() if vanishes else far.block()
     daemon.frame_s = 0.005  # a stand-in for a longer trouble
     shows(daemon, 400)
     before = memory_kb(running.process.pid)
-    shows(daemon, 1500)
+    shows(daemon, 1000)
     grown_kb = memory_kb(running.process.pid) - before
-    if trouble == "vanish":
+    if vanishes:
         far.start()
     far.unblock()
     assert running.process.poll() is None

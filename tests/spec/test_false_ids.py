@@ -118,14 +118,6 @@ def test_what_is_asked_for_is_the_chance_where_two_patterns_are_mistaken_most() 
     assert (ratios < -needed).mean(axis=1).max() == pytest.approx(1e-2, rel=0.1)
 
 
-def test_neighbours_are_summed_up_with_bands_of_their_own() -> None:
-    """All 680 patterns that differ in two or three cells."""
-    evidence, own = evidence_of(40.0, 1), word(7).ravel()
-    near = [own ^ np.isin(FLAT, each) for cells in (2, 3) for each in combinations(range(16), cells)]
-    exact = float(np.logaddexp.reduce(word_log_likelihoods(evidence, np.array(near, np.float32))[0]))
-    assert near_pattern_likelihood(evidence, own.astype(np.float32), 2, 3) == pytest.approx(exact, abs=0.01)
-
-
 def without(evidence: Evidence, *cells: int) -> Evidence:
     """As if these gave no light."""
     score, information = evidence.score.copy(), evidence.information.copy()

@@ -7,7 +7,6 @@ import shutil
 import socket
 import subprocess
 import threading
-import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -16,10 +15,9 @@ from typing import Any
 
 import pytest
 
-from ledpi.config.outputs import OutputSettings
 from tests.builders import ROOT
 from tests.builders.bridges import LEDPI, MOSQUITTO, PASSWORD, Mqtt, Secure, bridge, secrets
-from tests.builders.made_up_daemon import HELLO, MadeUpDaemon, decoded
+from tests.builders.made_up_daemon import MadeUpDaemon
 from tests.builders.waiting import limit_s, wait_until
 
 pytestmark = pytest.mark.skipif(
@@ -90,14 +88,6 @@ def test_no_command_shows_the_password(command: tuple[str, ...], broker: Mqtt, f
 
 
 @pytest.mark.slow
-def test_a_password_in_the_configuration_is_refused_and_not_quoted(folder: Path) -> None:
-    """The key is no key; its value is not shown."""
-    said = refusal({"kind": "mqtt", "host": "x", "password": PASSWORD}, folder)
-    assert "password: unknown key; did you mean password_file?" in said
-    assert PASSWORD not in said
-
-
-@pytest.mark.slow
 def test_who_was_killed_is_told_of(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
     """The daemon by the bridge, which waits for another; the bridge by its last will, kept for whoever comes later."""
     with bridge(broker.settings, folder / "tap.sock", folder) as running:
@@ -126,14 +116,6 @@ def test_a_wrong_password_ends_it(broker: Mqtt, folder: Path) -> None:
     assert f"localhost:{broker.port}: the broker" in said
     assert "see user and password_file" in said
     assert "battery-staple" not in said
-
-
-@pytest.mark.slow
-def test_a_certificate_of_another_authority_ends_it(broker: Mqtt, folder: Path) -> None:
-    """The system's authorities have not signed it."""
-    values = dict(broker.settings)
-    del values["ca_file"]
-    assert "its certificate is not accepted" in refusal(values, folder)
 
 
 @pytest.mark.slow
@@ -183,9 +165,7 @@ def test_a_certificate_that_signs_itself_ends_it_until_it_is_the_ca_file(daemon:
 HTTP = b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n"
 ANSWERS = {
     "HTTP": (HTTP, "answers as no broker does; is the port right for tls: false?"),
-    "garbage": (bytes(range(256)), "answers as no broker does; is the port right for tls: false?"),
     "nothing": (None, "takes the connection and says nothing; is a broker at this port?"),
-    "unavailable": (b"\x20\x02\x00\x03", "the broker is not available now; look at its log"),
     "256 MB": (b"\x20\xff\xff\xff\x7f", "the broker sends a packet of 268,435,455 bytes; must have 1,048,576 at most"),
 }
 
@@ -228,34 +208,6 @@ def test_robots_on_one_broker_are_told_apart(daemon: MadeUpDaemon, folder: Path)
 
 
 @pytest.mark.slow
-def test_twenty_robots_on_one_broker_stay_apart(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each frame is under its robot's name and says it; nobody is taken for another one and thrown out."""
-    from ledpi.links.mqtt import MqttTarget
-
-    far, robots = Mqtt(folder), [f"robot{number}" for number in range(20)]
-    far.start()
-    targets = []
-    try:
-        for number, robot in enumerate(robots):
-            monkeypatch.setattr(socket, "gethostname", lambda robot=robot: robot)
-            targets.append(MqttTarget(OutputSettings(kind="mqtt", host="127.0.0.1", port=far.port)))
-            targets[-1].open()
-            targets[-1].tell_setup(HELLO)
-            assert targets[-1].send(decoded(number), time.monotonic_ns())
-
-        def frames() -> dict[str, tuple[str, int]]:
-            told = {name: json.loads(data) for name, data, _ in list(far.messages) if name.endswith("/frame")}
-            return {name: (line["host"], line["seq"]) for name, line in told.items()}
-
-        wait_until(lambda: len(frames()) == len(robots), meanwhile=lambda: [target.tick() for target in targets])
-        assert frames() == {f"ledpi/{robot}/frame": (robot, number) for number, robot in enumerate(robots)}
-    finally:
-        for target in targets:
-            target.close()
-        far.close()
-
-
-@pytest.mark.slow
 def test_a_broker_fills_no_memory_with_what_nobody_asked_for(folder: Path) -> None:
     """Messages that must be acknowledged twice would be kept until then."""
     with (
@@ -288,26 +240,3 @@ def answering(data: bytes | None) -> Iterator[int]:
         thread.join()
     for connection in taken:
         connection.close()
-
-
-@pytest.mark.slow
-def test_a_wrong_host_is_tried_again_and_told_once(daemon: MadeUpDaemon, folder: Path) -> None:
-    """It may be that the network is not yet there."""
-    values = {"kind": "mqtt", "host": "no-such-host.invalid"}
-    with bridge(values, folder / "tap.sock", folder) as running:
-        wait_until(lambda: "no machine of that name" in running.log)
-        counters = running.end()
-        assert running.log.count("target_lost") == 1
-    assert counters["sent"] == 0
-
-
-@pytest.mark.slow
-def test_a_missing_package_is_named_with_its_extra(folder: Path) -> None:
-    """As where only `pip install ledpi` was done."""
-    hidden = "import sys; sys.modules['paho'] = None; from ledpi.cli import main; main()"
-    outputs = 'outputs={"far": {"kind": "mqtt", "host": "x"}}'
-    command = [LEDPI[0], "-c", hidden, "bridge", "far", "--set", outputs]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=limit_s(30), check=False)
-    assert done.returncode == 2
-    assert "outputs.far: kind mqtt needs the package paho" in done.stderr
-    assert done.stderr.rstrip().endswith("pip install 'ledpi[mqtt]'")

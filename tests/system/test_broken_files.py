@@ -231,17 +231,6 @@ def test_every_command_refuses_a_configuration(
 
 
 @pytest.mark.slow
-def test_every_command_refuses_a_map(tmp_path: Path, sound_take: Path, complaint: Callable[[list[str]], str]) -> None:
-    """With status 2 and one line that names it."""
-    file = tmp_path / "markers.yaml"
-    file.write_text(MAP, encoding="utf-8")
-    with_it = [*SIDE, "--set", f"map={file}"]
-    for _ in two_refused(file, load_map, file):
-        assert str(file) in complaint(["run", *with_it, "--set", "camera.source=simulated"])
-        assert str(file) in complaint(["decode", *with_it, str(sound_take)])
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl"])
 def test_every_command_refuses_a_recording(
     tmp_path: Path, sound_take: Path, complaint: Callable[[list[str]], str], name: str

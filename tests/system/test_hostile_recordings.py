@@ -93,14 +93,11 @@ def test_a_file_that_never_ends_is_refused(take: Path, name: str, make: Callable
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [a_pipe, too_large])
-def test_a_picture_that_never_ends_is_named_and_the_others_are_decoded(
-    take: Path, make: Callable[[Path], None]
-) -> None:
+def test_a_picture_that_never_ends_is_named_and_the_others_are_decoded(take: Path) -> None:
     """The pictures of a recording are files like others."""
     picture = take / "frames/000001.png"
     picture.unlink()
-    make(picture)
+    too_large(picture)
     status, output, (complaint,) = decoded(take)
     assert (status, len(output.splitlines())) == (2, 3)
     assert f"{picture}: " in complaint
@@ -124,28 +121,6 @@ def test_a_header_beyond_physics_is_refused(take: Path, changes: dict[str, objec
     assert (status, output) == (2, "")
     assert f"{take}/recording.yaml: " in complaint
     assert message in complaint
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("key", ["panels.black_hz", "panels.overrides.7.black_hz"])
-def test_values_given_in_place_of_its_own_have_the_same_bounds(take: Path, key: str) -> None:
-    """A frequency that the configuration's rows would show, and the recording's do not."""
-    header = (take / "recording.yaml").read_text()
-    (take / "recording.yaml").write_text(header.replace("row_time_us: 33.67", "row_time_us: 1.0"))
-    status, output, (complaint,) = decoded("--set", f"{key}=10", take)
-    assert (status, output) == (2, "")
-    assert f"{take}" in complaint
-    assert "panels: 10 Hz is too slow" in complaint
-
-
-@pytest.mark.slow
-def test_a_header_that_stands_for_more_than_it_is_is_refused(take: Path) -> None:
-    """A number of more digits than Python writes."""
-    header = (take / "recording.yaml").read_text()
-    (take / "recording.yaml").write_text(header.replace("format: 1", f"format: 0x{'9' * 9999}"))
-    status, output, (complaint,) = decoded(take)
-    assert (status, output) == (2, "")
-    assert f"{take}/recording.yaml: " in complaint
 
 
 @pytest.mark.slow
@@ -181,10 +156,9 @@ def test_a_huge_picture_in_a_recording_is_not_decoded(take: Path, before: bytes)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", [".jpg", ".tif"])
-def test_a_huge_picture_alone_is_not_decoded(tmp_path: Path, ending: str) -> None:
-    """Tries any format that OpenCV reads."""
-    picture = tmp_path / f"huge{ending}"
+def test_a_huge_picture_alone_is_not_decoded(tmp_path: Path) -> None:
+    """As of any format that OpenCV reads."""
+    picture = tmp_path / "huge.tif"
     cv2.imwrite(str(picture), np.zeros((SIDE, SIDE), np.uint8))
     status, output, (complaint,) = decoded("--set", "panels.side_m=0.16", "--set", "camera.row_time_us=33.67", picture)
     assert (status, len(output.splitlines())) == (2, 1)

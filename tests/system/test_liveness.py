@@ -14,10 +14,10 @@ from ledpi.camera.recovering import LOST
 from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame, Pixels, Rejected
-from ledpi.daemon.daemon import Daemon
 from ledpi.daemon.liveness import BEHIND_NS, LOST_BEHIND_TICKS, LOST_TICKS, Liveness
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.wire import NoFix, State, StatusMessage
+from ledpi.wire.publisher import Publisher
 from tests.builders.daemon import SIMULATED, OtherCamera, controller, daemon, daemon_in_thread, end
 
 alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
@@ -138,27 +138,22 @@ def test_a_process_that_was_held_up_has_lost_no_camera() -> None:
     assert State.CAMERA_LOST not in {status.state for _, status in line.statuses}
 
 
-def test_a_loss_is_not_overtaken_by_what_was_seen_before_it() -> None:
+def test_a_loss_is_not_overtaken_by_what_was_seen_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """The main thread is held up with a status in its hands; the camera is lost meanwhile, and that is said last."""
-    camera, said = Pulled(), []
+    camera, said, set_status = Pulled(), [], Publisher.set_status
     with controller() as line:
         config = load_config(None, (*SIMULATED, f"serial.port={line.port}"))
-        running = Daemon(config, camera)
-        set_status = running._publisher.set_status
 
-        def slowly(status: StatusMessage) -> None:
+        def slowly(publisher: Publisher, status: StatusMessage) -> None:
             if status.state is State.RUNNING and not camera.pulled.is_set():
                 camera.pulled.set()
                 time.sleep(0.3)
             said.append(status.state)
-            set_status(status)
+            set_status(publisher, status)
 
-        running._publisher.set_status = slowly  # type: ignore[method-assign]
-        thread = threading.Thread(target=running.run, daemon=True)
-        thread.start()
-        line.wait_for(lambda end: any(status.state is State.CAMERA_LOST for _, status in end.statuses))
-        running.stop()
-        thread.join()
+        monkeypatch.setattr(Publisher, "set_status", slowly)
+        with daemon_in_thread(config, camera):
+            line.wait_for(lambda end: any(status.state is State.CAMERA_LOST for _, status in end.statuses))
     lost = said.index(State.CAMERA_LOST)
     assert State.RUNNING in said[:lost]
     assert State.RUNNING not in said[lost:]

@@ -23,7 +23,8 @@ OLD = "camera: {row_time_us: 33.67}  # as measured in May\n"
 NEW = "camera: {row_time_us: 31.75}  # as measured in May\n"
 CHANGES = {
     "config.yaml": (
-        "from pathlib import Path; from ledpi.workshop.calibrate.files import change_config, _editor; _editor()",
+        "from pathlib import Path; from ledpi.workshop.calibrate.files import change_config, changed_yaml; "
+        "changed_yaml('a: {b: 0}', {('a', 'b'): 1})",  # what it imports opens files of its own
         'change_config(Path("config.yaml").absolute(), {("camera", "row_time_us"): 31.75})',
     ),
     "camera.yaml": (

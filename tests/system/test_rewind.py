@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import resource
 import signal
 import time
@@ -102,21 +101,6 @@ def test_sigusr1_saves_what_was_live(takes: Path) -> None:
 
 
 @pytest.mark.slow
-@AS_LIVE
-def test_a_daemon_that_is_killed_leaves_a_recording(takes: Path) -> None:
-    """Decodes what is written by then as it did live; its name says that it is a part."""
-    with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
-        has_seen(line, 60)
-        process.send_signal(signal.SIGUSR1)
-        wait_until(lambda: any(len(f.read_bytes()) > 500 for f in takes.glob("*-asked.part/live.jsonl")), "a part")
-        process.kill()
-        process.wait()
-    (part,) = takes.glob("*-asked*")
-    assert part.name.endswith("-asked.part")
-    assert differences(part) == []
-
-
-@pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_reported_and_the_daemon_goes_on(takes: Path) -> None:
     """The kernel refuses the first picture; poses go on, and the next recording, with room again, is whole."""
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
@@ -187,22 +171,6 @@ def test_ledpi_rewind_asks_the_running_daemon(takes: Path, tmp_path: Path) -> No
     assert Path(only_there.stdout.strip()) == asked(takes)[1]
     assert (gone.returncode, gone.stderr.count("\n")) == (2, 1)
     assert "no running daemon answers" in gone.stderr
-
-
-@pytest.mark.slow
-def test_with_0_seconds_nothing_is_kept(takes: Path, tmp_path: Path) -> None:
-    """No memory, no thread; who asks is told so, by the journal or by the tap."""
-    socket, settings = tmp_path / "tap", ("rewind.seconds=0", f"tap.socket={tmp_path / 'tap'}")
-    with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}", *settings) as process:
-        has_seen(line, 20)
-        process.send_signal(signal.SIGUSR1)
-        done = ledpi("rewind", "--tap", socket)
-        threads = [p.read_text().strip() for p in Path(f"/proc/{process.pid}/task").glob("*/comm")]
-        ended = end(process, signal.SIGTERM)
-    assert "rewind is off" in done.stderr
-    assert sum("rewind: is off; set rewind.seconds" in line for line in ended.log) == 1
-    assert len(threads) > 2
-    assert not takes.exists()
 
 
 # ---- Faults
@@ -335,25 +303,6 @@ def test_what_does_not_fit_is_reported(drive: Stream, takes: Path, caplog: pytes
         Rewind(RewindSettings(seconds=10.0, memory_mb=20.0), drive.shown, 17.0)
     (told,) = [record.getMessage() for record in caplog.records if "rewind_short" in record.getMessage()]
     assert "wanted=10 memory_mb=20" in told
-
-
-@pytest.mark.slow
-def test_memory_grows_by_no_more_than_its_budget(takes: Path) -> None:
-    """A daemon with 4 MB for it, full and saved once, against one without, in the same run: 10 MB more at most."""
-    sizes = {}
-    for seconds in (0, 60):
-        settings = (f"rewind.seconds={seconds}", "rewind.memory_mb=4")
-        with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}", *settings) as process:
-            has_seen(line, 110)  # in more frames than the 45 that 4 MB hold
-            while seconds and not asked(takes):
-                process.send_signal(signal.SIGUSR1)
-                time.sleep(1.0)
-            status = Path(f"/proc/{process.pid}/status").read_text()
-            sizes[seconds] = int(status.split("VmHWM:")[1].split()[0]) * 1024
-            end(process, signal.SIGTERM)
-    assert sizes[60] < sizes[0] + 14e6
-    take, *_ = asked(takes)
-    assert os.path.getsize(take / LIVE_FILE) > 0
 
 
 def test_asking_too_early_is_refused(drive: Stream, takes: Path) -> None:

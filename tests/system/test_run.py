@@ -29,7 +29,6 @@ from ledpi.wire import NoFix, State, StatusMessage
 from tests.builders.command import complaint as one_complaint
 from tests.builders.command import in_process
 from tests.builders.daemon import (
-    COMMAND,
     ROOT,
     SIMULATED,
     Controller,
@@ -157,45 +156,6 @@ def test_a_line_each_second_says_how_it_goes(drive: Run) -> None:
     assert "identify" in health[-1]
 
 
-# ---- The port
-
-
-@pytest.mark.slow
-def test_an_absent_port_is_waited_for(tmp_path: Path) -> None:
-    """It starts without; the health line says so. Once the port is there, packets come. Ctrl-C ends it as well."""
-    port = tmp_path / "controller"
-    with daemon(*SIMULATED, f"serial.port={port}") as process:
-        assert process.stderr is not None
-        before: list[str] = []
-        while not before or not HEALTH.match(before[-1]):
-            before.append(process.stderr.readline())
-            assert before[-1], "the daemon ended"
-        assert "no port" in before[-1]
-        assert str(port) in before[-1]
-        with controller() as line:
-            port.symlink_to(line.port)
-            line.wait_for(lambda c: bool(c.markers))
-            ended = end(process, signal.SIGINT)
-            line.close()
-            last = line.got[-1][1]
-    assert ended.status == 0
-    assert ended.seconds_to_end < END_S * slowness()
-    assert isinstance(last, StatusMessage)
-    assert last.state is State.STOPPING
-
-
-@pytest.mark.slow
-def test_a_pose_older_than_allowed_is_never_sent() -> None:
-    """A frame is 10 ms old before it can be decoded: where 8 ms are allowed, only the heartbeat is sent."""
-    with controller() as line:
-        settings = (*SIMULATED, f"serial.port={line.port}", "serial.max_age_ms=8")
-        with daemon(*settings) as process:
-            line.wait_for(lambda c: any((status.markers or 0) > 5 for _, status in c.statuses))
-            assert end(process, signal.SIGTERM).status == 0
-        line.close()
-        assert line.markers == []
-
-
 # ---- Recordings
 
 
@@ -216,22 +176,6 @@ def test_a_bad_frame_is_counted_and_skipped(tmp_path: Path) -> None:
     assert len([entry for entry in ended.log if str(picture) in entry]) == 1
     assert "ended: 7 frames, 0 dropped, 7 decoded, 7 markers" in ended.log[-1]
     assert "capture.truncated 1" in ended.log[-1]
-
-
-@pytest.mark.slow
-@alone
-def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
-    """Paced, as the sensor delivered it: the ID, and a pose by the recording's own lens and panel size."""
-    write_recording(tmp_path / "take", 20)
-    with controller(max_age_us=1000 * LONG_MS) as line:
-        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
-        with daemon(*settings, f"serial.max_age_ms={LONG_MS}") as process:
-            assert end(process).status == 0
-        line.close()
-        assert {marker.id for marker in line.markers} == {7}
-        for marker in line.markers:
-            assert marker.pose is not None
-            np.testing.assert_allclose(marker.pose.position_m, [0, 0, 1], atol=0.02)
 
 
 @pytest.mark.slow
@@ -277,15 +221,6 @@ def test_a_pose_leaves_once_it_is_decoded() -> None:
     assert latency.p25 <= slowness() * (latency.decode_p50 + 1.0)
 
 
-@pytest.mark.slow
-def test_the_helps_example_runs_without_a_configuration(tmp_path: Path) -> None:
-    """In any folder: the simulator's panels are its own, and the port may come later."""
-    given = ["--set", "camera.source=simulated", "--set", f"serial.port={tmp_path / 'robot'}", "--frames", "3"]
-    done = subprocess.run([*COMMAND, *given], cwd=tmp_path, capture_output=True, text=True, timeout=limit_s(30))
-    assert done.returncode == 0, done.stderr
-    assert "ended: 3 frames" in done.stderr
-
-
 # ---- What cannot run
 
 
@@ -302,15 +237,6 @@ def complaint(
     ("arguments", "message"),
     [
         ([], "or /etc/ledpi/config.yaml; `ledpi config init` writes one"),
-        (["--config", "none.yaml"], "none.yaml: cannot be read"),
-        (["--set", "serial.baud=9600"], "panels.side_m: must be given"),
-        (["--set", "panels.side_m=0"], "panels.side_m: must be greater than or equal to 0.001"),
-        (
-            ["--set", "panels.side_m=1", "--set", "camera.source=film"],
-            "camera.source: must be picamera2, picamera2:N, simulated",
-        ),
-        (["--set", "panels.side_m=1", "--set", "serial.baud=fast"], "serial.baud: must be a whole number"),
-        (["--set", "panels.side_m=1", "--set", "serial.prot=x"], "serial.prot: unknown key; did you mean port?"),
         (["--set", "panels.side_m=1", "--set", "camera.source=recording:gone"], "gone/recording.yaml: is missing"),
         (["--set", "camera.source=simulated", "--set", "camera.intrinsics=gone.yaml"], "gone.yaml: cannot be read"),
         (
@@ -328,34 +254,6 @@ def test_what_cannot_run_is_reported_in_one_line(
     tmp_path: Path,
 ) -> None:
     """The key or the file, what is wrong, and what would be right; exit status 2, and nothing has started."""
-    assert message in complaint(arguments, monkeypatch, capsys, tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        (["camera.intrinsics=camera.yaml"], "camera.yaml: was made for pictures of 320 × 240 pixels"),
-        (["camera.source=simulated", "camera.intrinsics=camera.yaml"], "was made for pictures of 320 × 240 pixels"),
-        (["panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
-    ],
-)
-def test_what_contradicts_the_camera_is_reported_in_one_line(
-    settings: list[str],
-    message: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-) -> None:
-    """A lens calibrated at another size, also for the simulator; an override with one frequency for both classes."""
-    write_recording(tmp_path / "take", 1, calibrated=False)
-    numbers = "data: [300, 0, 160, 0, 300, 120, 0, 0, 1]"
-    (tmp_path / "camera.yaml").write_text(
-        f"image_width: 320\nimage_height: 240\ncamera_matrix: {{{numbers}}}\n"
-        "distortion_coefficients: {data: [0, 0, 0, 0, 0]}\n"
-    )
-    (tmp_path / "config.yaml").write_text("panels: {side_m: 1, black_hz: 1300}\n")
-    given = ["camera.source=recording:take", *settings]
-    arguments = [part for item in given for part in ("--set", item)]
     assert message in complaint(arguments, monkeypatch, capsys, tmp_path)
 
 
@@ -457,24 +355,6 @@ def test_an_exposure_that_the_camera_cannot_do_is_warned_of(tmp_path: Path, capl
     Daemon(settings, open_simulated(settings, paced=False))
     said = "camera.exposure_us: the camera exposes for 135 µs, where 10 µs were asked for"
     assert said in [record.getMessage() for record in caplog.records]
-
-
-def test_stop_ends_it_from_any_thread(tmp_path: Path) -> None:
-    """Without a port, too; what it did until then is returned."""
-    settings = config(str(tmp_path / "no-port"))
-    running = Daemon(settings, open_simulated(settings, paced=True))
-    asked_s: list[float] = []
-
-    def stop() -> None:
-        while running._totals().decoded == 0:
-            time.sleep(0.01)
-        asked_s.append(time.monotonic())
-        running.stop()
-
-    threading.Thread(target=stop).start()
-    totals = running.run()
-    assert time.monotonic() - asked_s[0] < END_S * slowness()
-    assert totals.frames >= totals.decoded > 0
 
 
 def test_a_stop_before_the_start_counts(tmp_path: Path) -> None:

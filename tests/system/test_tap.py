@@ -92,19 +92,6 @@ def test_cells_speak_for_the_class_that_they_are_of(running: Path) -> None:
     assert [nats > 0 for nats in look["cells_nats"]] == [bool(bit) for bit in word.ravel()]
 
 
-def test_health_counts_what_the_daemon_does(running: Path) -> None:
-    """Once a second; a port that is not there is said."""
-    with connect(running) as client:
-        told = (line for line in client.lines() if line["type"] == "health")
-        # Between two rounds of the replay no frame comes for a moment, and the camera is said to be lost.
-        lines = (line for line in told if line["state"] == "running" and line["in_view"] == 1)
-        first, second = next(lines), next(lines)
-    assert second["frames"] > first["frames"] > 0
-    assert second["decoded"] > first["decoded"] > 0
-    assert second["wire"]["connected"] is False
-    assert any("serial_lost" in fault["text"] for fault in second["faults"])
-
-
 # ---- Its life
 
 
@@ -184,18 +171,6 @@ def test_a_reload_makes_a_socket_that_was_cleared_away_again(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_path_that_is_somebodys_file_is_refused(tmp_path: Path) -> None:
-    """One line, exit status 2, and the file as it was."""
-    path = tmp_path / "notes"
-    path.write_text("mine", encoding="utf-8")
-    with daemon(*SIMULATED, at(path)) as process:
-        ended = end(process)
-    assert ended.status == 2
-    assert [line for line in ended.log if "notes is there, and is no socket; must be another path, or null" in line]
-    assert path.read_text(encoding="utf-8") == "mine"
-
-
-@pytest.mark.slow
 def test_where_auto_finds_no_place_the_daemon_runs_without(tmp_path: Path) -> None:
     """The poses matter more; it says so once."""
     (tmp_path / "ledpi").write_text("in the way", encoding="utf-8")
@@ -205,16 +180,6 @@ def test_where_auto_finds_no_place_the_daemon_runs_without(tmp_path: Path) -> No
             ended = end(process)
     assert ended.status == 0
     assert len([line for line in ended.log if "WARNING tap_off" in line]) == 1
-
-
-@pytest.mark.slow
-def test_without_a_tap_there_is_none(tmp_path: Path) -> None:
-    """null."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-        with daemon(*SIMULATED, "tap.socket=null", options=("--unpaced", "--frames", "20")) as process:
-            assert end(process).status == 0
-    assert list(tmp_path.iterdir()) == []
 
 
 # ---- Who reads it
@@ -278,39 +243,16 @@ def test_snapshot_takes_the_daemons_frame_and_says_so(tmp_path: Path, monkeypatc
 
 
 @pytest.mark.slow
-def test_snapshot_has_the_daemons_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Which panels there are, and of what size: a panel of half the side hangs at half the distance.
-
-    Neither the defaults nor a config.yaml where it is called say so.
-    """
-    (tmp_path / "config.yaml").write_text("panels: {side_m: 0.4, ids: [1]}\n", encoding="utf-8")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    (tmp_path / "run/ledpi").mkdir(parents=True, mode=0o700)
-    write_recording(tmp_path / "take", 30, rows=5 * 504)
-    settings = (
-        f"camera.source=recording:{tmp_path / 'take'}",
-        "panels.overrides={7: {side_m: 0.08}}",
-        "panels.ids=[7]",
-    )
-    with daemon(*settings, at(tmp_path / "run/ledpi/tap.sock"), options=FOR_EVER):
-        reach(tmp_path / "run/ledpi/tap.sock").close()
-        done = ledpi("snapshot", "--out", "x.png", cwd=tmp_path)
-    said = re.search(r"running daemon .*: ID 7 at \S+ \S+ (\S+) m", done.stdout)
-    assert said is not None, done.stdout + done.stderr
-    assert float(said[1]) == pytest.approx(0.5, rel=0.02)
-
-
-@pytest.mark.slow
 def test_snapshot_of_the_camera_itself_asks_no_daemon(
     running: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Takes a frame's number, a setting of the camera, or another configuration than the daemon's for that."""
+    """Takes a frame's number, or another configuration than the daemon's for that."""
     (tmp_path / "ledpi").mkdir(mode=0o700)
     (tmp_path / "ledpi/tap.sock").symlink_to(running)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     config = tmp_path / "config.yaml"
     config.write_text("panels: {side_m: 0.16}\n" + SIMULATED_YAML, encoding="utf-8")
-    for asks in (("--frame", "3"), ("--set", "camera.exposure_us=9000"), ()):
+    for asks in (("--frame", "3"), ()):
         done = ledpi("snapshot", "--config", str(config), *asks, "--out", str(tmp_path / "x.png"))
         assert "x.png: simulated, frame" in done.stdout
 

@@ -96,6 +96,11 @@ class Tap:
         """Tells whether anybody reads."""
         return self._followed
 
+    @property
+    def waiting_bytes(self) -> int:
+        """Counts all that waits for clients."""
+        return self._crowd.waiting_bytes
+
     def trace(self) -> Trace | None:
         """For the decoder to fill in, where somebody wants to know what the next frame went through."""
         return Trace() if self._wanted else None
@@ -212,7 +217,7 @@ class Tap:
         elif request.do == "picture":
             self._asked.append((follower, request))
             answer = None
-        elif request.do == "take" and self._crowd.waiting_bytes > MOST_WAITING_BYTES:
+        elif request.do == "take" and self.waiting_bytes > MOST_WAITING_BYTES:
             answer = error("take: clients have not read what they asked for; ask again later", request.id)
         else:
             answer = self._commands.begin(follower, request)
@@ -274,7 +279,7 @@ class Tap:
         """Asks for the next frame's, where somebody waits for one and it is time."""
         if not self._asked or self._wanted is not None or time.monotonic() - self._pictured_s < PICTURE_EVERY_S:
             return
-        if self._crowd.waiting_bytes <= MOST_WAITING_BYTES:
+        if self.waiting_bytes <= MOST_WAITING_BYTES:
             ready = [request for follower, request in self._asked if not follower.is_blocked]
             if ready:
                 self._wanted = frozenset().union(*(request.extras for request in ready))

@@ -25,10 +25,10 @@ from ledpi.workshop.panel.design import ENOUGH_NATS, Proposal, Task, farthest_m
 from ledpi.workshop.panel.information import STREAM_FRAMES, View, evidence_of, separation_nats, view_panel
 
 RELIABLE = 0.9  # the chance up to which a panel counts as within range
-_DRAWS = 300  # a case
+DRAWS = 300  # a case
 # Where the outcome is certain nothing is drawn: far more than enough information, or far from it.
 _CERTAIN_NATS, _HOPELESS_NATS = 3 * ENOUGH_NATS, ENOUGH_NATS / 20
-_DISTANCES = 14  # evenly in their logarithm
+DISTANCES = 14  # evenly in their logarithm
 _NEAREST_SHARE = 0.05  # of the farthest; nearer than that all pairs are read
 
 
@@ -98,7 +98,7 @@ class Reach:
 def reach_views(task: Task) -> list[View]:
     """Pictures of a panel from all distances at which there is any hope."""
     farthest = farthest_m(task.sensor, task.side_m, task.cells)
-    distances = np.geomspace(_NEAREST_SHARE * farthest, farthest, _DISTANCES)
+    distances = np.geomspace(_NEAREST_SHARE * farthest, farthest, DISTANCES)
     views = (view_panel(task.sensor, task.cells, task.side_m, float(d)) for d in distances)
     return [view for view in views if isinstance(view, View)]
 
@@ -120,7 +120,7 @@ def reach_of(
             known = evidence_of(view, spec, frames=min(frames, most), frame_length_rows=proposal.frame_length_rows)
             nats = separation_nats(known, depths)
             if _HOPELESS_NATS < nats < _CERTAIN_NATS:
-                chances[frames].append(chance_of_reading(known, codebook, depths, FALSE_ID_RATE, draws=_DRAWS))
+                chances[frames].append(chance_of_reading(known, codebook, depths, FALSE_ID_RATE, draws=DRAWS))
             else:
                 chances[frames].append(float(nats >= _CERTAIN_NATS))
         advance(1)

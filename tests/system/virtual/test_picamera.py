@@ -65,7 +65,7 @@ def test_everything_is_fixed_before_the_first_frame(behaviour: Behaviour) -> Non
     """Exposure, gain, colours and period as asked, every automatic off; libcamera took all of their types."""
     opened(exposure_us=10000.4, analogue_gain=2)
     (camera,) = behaviour.opened
-    (_, asked), *later = camera._asked
+    (_, asked), *later = camera.asked
     assert later == []
     assert asked["ExposureTime"] == 10000
     assert asked["AnalogueGain"] == 2.0

@@ -169,6 +169,16 @@ def test_set_changes_keys_and_nothing_else(here: Path, ledpi: Ledpi) -> None:
     ]
     assert load_config(Path("config.yaml")).panels.spec(7).black_hz == 1262
     assert (here / "config.yaml.bak-1").read_text() == before
+    assert "systemctl" not in done.out
+
+
+def test_after_a_change_of_the_services_file_the_service_must_read_it(
+    here: Path, ledpi: Ledpi, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command says so."""
+    monkeypatch.setattr("ledpi.cli.config.SERVICE_FILE", here / "config.yaml")
+    ledpi("config", "init")
+    assert ledpi("config", "set", "panels.ids=[7]").out.splitlines()[-1] == "Next: sudo systemctl reload ledpi"
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,7 +21,6 @@ from ledpi.camera.recording.writer import RecordingWriter
 from ledpi.camera.simulate.scene import SimulatedSensor
 from ledpi.camera.simulate.scenes import ov5647_lens, still_scene
 from ledpi.camera.simulated import SimulatedCamera
-from ledpi.cli import main
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
 from tests.builders import ROOT
 from tests.builders.command import LEDPI, Run, complaint, in_process
@@ -147,12 +144,6 @@ def test_another_lens_on_the_command_line_is_used_for_a_recording(ledpi: Run, ke
     assert lines(output)[0]["markers"][0]["position_m"] is None
 
 
-def test_frequencies_on_the_command_line_are_those_that_are_sought(ledpi: Run, kept: Path) -> None:
-    """A panel of other frequencies than those given is none."""
-    _, output, _ = ledpi("--single-frame", "--set", "panels.black_hz=1650", kept / "one")
-    assert lines(output)[0]["markers"] == []
-
-
 @pytest.mark.parametrize(
     ("override", "message"),
     [
@@ -247,13 +238,6 @@ def test_who_reads_only_the_first_line_sees_no_traceback(kept: Path) -> None:
         assert "Traceback" not in running.stderr.read()
 
 
-def test_help_has_an_example(ledpi: Run) -> None:
-    """One that can be typed as it stands."""
-    status, output, _ = ledpi("--help")
-    assert status == 0
-    assert "Example: ledpi decode --single-frame" in output
-
-
 # ---- What is wrong
 
 
@@ -265,76 +249,6 @@ def write_lens(path: Path, width: int, height: int, *, focal: float = 1.0) -> No
         f"image_width: {width}\nimage_height: {height}\ncamera_matrix: {{data: [{matrix}]}}\n"
         f"distortion_coefficients: {{data: {list(lens.distortion)}}}\n"
     )
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("panels: {side_m: 0.16, balck_hz: 1250}", "panels.balck_hz: unknown key; did you mean black_hz?"),
-        ("panels: {side_m: large}", "panels.side_m: must be a number, not 'large'"),
-        ("panels: {side_m: -1}", "panels.side_m: must be greater than or equal to 0.001, not -1"),
-        ("panels: {}", "panels.side_m: must be given"),
-        ("panels: {side_m: 0.16, dictionary: DICT_9X9}", "panels.dictionary: must be one of"),
-        ("panels: {side_m: 0.16, white_hz: 1250}", "panels: black_hz and white_hz must differ"),
-        ("panels: {side_m: 0.16, overrides: {99: {duty: 0.3}}}", "panels.overrides.99: DICT_4X4_50 has only"),
-        ("panels: [0.16", "not valid YAML"),
-        ("0.16", "must be sections"),
-    ],
-)
-def test_a_wrong_configuration_names_file_and_key(ledpi: Run, take: Path, text: str, message: str) -> None:
-    """Before anything is decoded."""
-    config = take.parent / "wrong.yaml"
-    config.write_text(text)
-    line = complaint(ledpi("--config", config, take))
-    assert str(config) in line
-    assert message in line
-
-
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        (["panels.side_m=wide"], "panels.side_m: must be a number"),
-        (["camera.exposure=5"], "camera.exposure: unknown key; did you mean exposure_us?"),
-        (["side_m"], "--set side_m: must be KEY=VALUE"),
-    ],
-)
-def test_a_wrong_override_names_the_key(ledpi: Run, take: Path, overrides: list[str], message: str) -> None:
-    """As it was typed."""
-    assert message in complaint(ledpi(*(part for item in overrides for part in ("--set", item)), take))
-
-
-def test_a_missing_configuration_is_named(ledpi: Run, take: Path) -> None:
-    """Given with --config, it must be there."""
-    assert "nowhere.yaml: cannot be read: No such file" in complaint(ledpi("--config", "nowhere.yaml", take))
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new", "message"),
-    [
-        ("recording.yaml", "row_time_us", "row_tim", "recording.yaml: camera.row_time_us: is missing"),
-        ("recording.yaml", "format: 1", "format: 2", "recording.yaml: format: is 2; this version reads format 1"),
-        ("recording.yaml", "DICT_4X4_50", "DICT_NO", "recording.yaml: panel.dictionary: unknown dictionary"),
-        ("frames.jsonl", '"seq":1', '"seq":"one"', "frames.jsonl: line 2: seq: "),
-        ("frames.jsonl", str(TIME_OF_LINE_2), "17", "frames.jsonl: line 2: sensor_timestamp_ns: time runs backward"),
-        ("frames.jsonl", '"seq":1', '"seq":0', "frames.jsonl: line 2: seq: is 0; must be more than"),
-        ("frames.jsonl", "frames/000001.png", "../000001.png", "frames.jsonl: line 2: file: must be a path inside"),
-    ],
-)
-def test_a_broken_recording_names_file_and_key(
-    ledpi: Run, take: Path, file: str, old: str, new: str, message: str
-) -> None:
-    """Before anything is decoded."""
-    text = (take / file).read_text()
-    assert old in text
-    (take / file).write_text(text.replace(old, new))
-    assert message in complaint(ledpi(take))
-
-
-@pytest.mark.parametrize("file", ["recording.yaml", "frames.jsonl"])
-def test_a_recording_without_one_of_its_files_names_it(ledpi: Run, take: Path, file: str) -> None:
-    """It is a broken recording, and not a folder without any."""
-    (take / file).unlink()
-    assert f"{take / file}: is missing" in complaint(ledpi(take))
 
 
 def test_a_broken_recording_among_whole_ones_is_reported_before_anything_is_printed(
@@ -378,14 +292,6 @@ def test_recordings_of_one_name_are_not_drawn_over_each_other(ledpi: Run, kept: 
 def test_as_live_needs_a_recording_that_was_decoded_live(ledpi: Run, take: Path) -> None:
     """`ledpi simulate` decodes nothing: an empty answer would look like a recording without panels."""
     assert "--as-live: does not say which frames were decoded live" in complaint(ledpi("--as-live", take))
-
-
-def test_that_is_reported_before_anything_is_printed(ledpi: Run, kept: Path, take: Path) -> None:
-    """Comes before the lines of a recording ahead of the one that says so."""
-    frames = take / "frames.jsonl"
-    frames.write_text(frames.read_text().replace("}\n", ', "decoded": true}\n'))
-    assert len(lines(ledpi("--as-live", take)[1])) == FRAMES
-    assert "--as-live: does not say which frames were decoded live" in complaint(ledpi("--as-live", take, kept / "one"))
 
 
 @pytest.mark.parametrize(
@@ -463,24 +369,6 @@ def test_a_lens_that_cannot_be_used_is_named(
     assert message in complaint(ledpi(*values, *lens, take / "frames/000000.png"))
 
 
-def test_a_lens_of_another_size_is_refused_for_a_recording_too(ledpi: Run, kept: Path, tmp_path: Path) -> None:
-    """One that was not calibrated itself."""
-    write_lens(tmp_path / "camera.yaml", 320, 240)
-    lens = ("--set", f"camera.intrinsics={tmp_path / 'camera.yaml'}")
-    line = complaint(ledpi(*lens, kept / "deep" / "two"))
-    assert "was made for pictures of 320 × 240 pixels" in line
-
-
-def test_a_recording_and_an_override_that_contradict_each_other_are_reported(
-    ledpi: Run, kept: Path, tmp_path: Path
-) -> None:
-    """Each is right by itself: 1250 Hz for panel 7's white cells, where the recording has black ones at 1250."""
-    config = tmp_path / "mine.yaml"
-    config.write_text("panels: {side_m: 0.16, black_hz: 1300, overrides: {7: {white_hz: 1250}}}\n")
-    line = complaint(ledpi("--config", config, kept / "one"))
-    assert "black_hz and white_hz must differ" in line
-
-
 def test_antiphase_is_nothing_for_the_papers_method(ledpi: Run, kept: Path, take: Path) -> None:
     """A recording of such panels is named before anything of another is printed."""
     header = (take / "recording.yaml").read_text()
@@ -488,11 +376,6 @@ def test_antiphase_is_nothing_for_the_papers_method(ledpi: Run, kept: Path, take
     line = complaint(ledpi("--method", "uemura", kept / "one", take))
     assert line.startswith(f"ledpi: {take}: decode.method: uemura distinguishes classes by the height of their bands")
     assert line.endswith("they are alike; must be likelihood")
-
-
-def test_a_name_that_is_too_long_is_one_line(ledpi: Run) -> None:
-    """The operating system refuses even to look for it."""
-    assert complaint(ledpi("n" * 300)) == f"ledpi: {'n' * 300}: File name too long"
 
 
 @pytest.mark.slow
@@ -522,23 +405,6 @@ def test_a_working_directory_that_is_gone_is_one_line(tmp_path: Path) -> None:
 def test_a_name_with_a_line_break_is_one_line(ledpi: Run) -> None:
     """The break is shown as it would be typed."""
     assert complaint(ledpi("a\nb")) == "ledpi: a\\nb: no such file or folder"
-
-
-@pytest.fixture
-def ctrl_c_as_at_the_start() -> Iterator[None]:
-    """Python's own handler: commands that were run in this process before may have left theirs."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("ctrl_c_as_at_the_start")
-def test_ctrl_c_before_a_command_has_begun_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Loading what the commands need takes longest of all that happens before."""
-    monkeypatch.setattr("ledpi.cli._add_commands", lambda: signal.raise_signal(signal.SIGINT))
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 130
 
 
 # ---- Pictures that say what they are

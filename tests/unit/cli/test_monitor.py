@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import select
 import signal
@@ -111,18 +110,6 @@ def monitored(request: pytest.FixtureRequest) -> Iterator[Monitored]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("monitored", [["--json"]], indirect=True)
-def test_json_lines_are_the_vectors_of_the_page(monitored: Monitored) -> None:
-    """One object a message, with the page's keys and values, as soon as it has come."""
-    monitored.send(*(v.frame for v in VECTORS))
-    for line, vector in zip(monitored.lines(len(VECTORS)), VECTORS, strict=True):
-        said, wanted = json.loads(line), dict(vector.values)
-        quaternion = said.pop("quaternion_wxyz", None)
-        assert quaternion == pytest.approx(wanted.pop("quaternion_wxyz", None), abs=1 / 32767)
-        assert said == wanted
-
-
-@pytest.mark.slow
 def test_text_lines_show_what_matters(monitored: Monitored) -> None:
     """A marker, a fix, a status with its reason, a state with what it rests on."""
     chosen = {v.name: v for v in VECTORS}
@@ -217,11 +204,3 @@ def test_mavlink_is_named_and_status_2() -> None:
     assert process.returncode == 2
     assert "carries MAVLink" in line
     assert "serial.protocol: ledpi" in line
-
-
-@pytest.mark.slow
-def test_help_shows_an_example() -> None:
-    """As every command's."""
-    done = run("--help")
-    assert done.returncode == 0
-    assert "Example: ledpi monitor\n" in done.stdout

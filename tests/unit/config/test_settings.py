@@ -58,13 +58,6 @@ def test_a_key_given_twice(tmp_path: Path) -> None:
         load_config(file)
 
 
-def test_config_is_frozen() -> None:
-    """A value cannot be changed once the configuration is built."""
-    config = load_config(SHIPPED)
-    with pytest.raises(ValueError, match="frozen"):
-        config.camera.width = 320
-
-
 def test_a_dash_on_the_command_line_is_text() -> None:
     """YAML would read a list of nothing."""
     assert load_config(None, ("panels.side_m=0.16", "serial.port=-")).serial.port == "-"
@@ -207,13 +200,6 @@ def test_override_of_one_panel_joins_the_file(tmp_path: Path) -> None:
     path = write(tmp_path, "panels: {side_m: 0.2, overrides: {7: {black_hz: 1262}}}")
     spec = load_config(path, ("panels.overrides.7.side_m=0.3",)).panels.spec(7)
     assert (spec.side_m, spec.black_hz, spec.white_hz) == (0.3, 1262, 2450)
-
-
-def test_panels_without_override_are_common(tmp_path: Path) -> None:
-    """An ID without an override has the common values."""
-    panels = load_config(write(tmp_path, "panels: {side_m: 0.2, overrides: {7: {side_m: 0.3}}}")).panels
-    assert panels.spec(8) == panels.spec()
-    assert (panels.spec(7).side_m, panels.spec(8).side_m) == (0.3, 0.2)
 
 
 def test_ids_that_a_part_or_a_reflection_of_a_panel_can_show_must_be_listed() -> None:
@@ -369,19 +355,3 @@ def test_an_old_name_in_a_file_is_read_and_noted(
     file.write_text(f"panels: {{side_m: 0.16}}\ndecode: {{method: {old}}}\n")
     assert load_config(file).decode.method == new
     assert capsys.readouterr().err == f"ledpi: {file}: decode.method: {old} is now called {new}\n"
-
-
-@pytest.mark.parametrize(("old", "new"), OLD)
-def test_an_old_name_on_the_command_line_is_read_and_noted(
-    old: str, new: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """As --set has it, and --method, which is the same."""
-    assert load_config(None, ("panels.side_m=0.16", f"decode.method={old}")).decode.method == new
-    assert capsys.readouterr().err == f"ledpi: configuration: decode.method: {old} is now called {new}\n"
-
-
-@pytest.mark.parametrize("name", ["likelihood", "uemura"])
-def test_todays_names_are_not_noted(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing is printed."""
-    assert load_config(None, ("panels.side_m=0.16", f"decode.method={name}")).decode.method == name
-    assert capsys.readouterr().err == ""

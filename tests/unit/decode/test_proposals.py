@@ -231,16 +231,6 @@ def test_of_a_larger_lattice_none_is_taken() -> None:
     assert all(min(off_by(at, part) for at in parts) < 0.05 for part in expected)
 
 
-def test_a_cameras_noise_makes_no_lattice() -> None:
-    """Noise of two grey levels, however it is smoothed; blots may, but no more than three dozen in both pictures."""
-    for blur_px, levels, most in ((0.0, 2.0, 0), (4.0, 2.0, 0), (4.0, 20.0, 36)):
-        picture = np.random.default_rng(3).standard_normal((480, 640))
-        if blur_px:
-            picture = cv2.GaussianBlur(picture, (0, 0), blur_px)
-        picture = np.clip(60 + levels * picture / picture.std(), 0, 255).astype(np.uint8)
-        assert len(lattices_of(picture)) <= most
-
-
 def test_a_dictionary_of_six_by_six_has_other_lattices() -> None:
     """Sixteen cells are then no panel, and thirty-six are."""
     corners = square(310, 240, 150, 10)

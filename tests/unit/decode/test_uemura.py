@@ -11,7 +11,6 @@ import pytest
 
 from ledpi.camera.recording.picture import read_picture
 from ledpi.camera.recording.reader import load_recording
-from ledpi.config.settings import load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Decoded, Detection, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected
@@ -19,7 +18,6 @@ from ledpi.decode.uemura import (
     BLACK_BAND,
     NO_BAND,
     WHITE_BAND,
-    Square,
     Steps,
     UemuraReader,
     add_frame,
@@ -33,7 +31,6 @@ from ledpi.decode.uemura import (
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import (
     HEIGHT,
-    LENS,
     PINHOLE,
     SHORT_US,
     SPEC,
@@ -44,7 +41,6 @@ from tests.builders.decode import (
     camera_info,
     drawn,
     panel_settings,
-    seen_through,
     square,
     word,
 )
@@ -74,20 +70,7 @@ def reasons(steps: Steps) -> set[str]:
     return {s.result.key for s in steps.squares if isinstance(s.result, Rejected)}
 
 
-def squares_of_word(steps: Steps, marker_id: int) -> Square:
-    (found,) = (s for s in steps.squares if isinstance(s.result, Detection) and s.result.id == marker_id)
-    return found
-
-
 # ---- From a frame to an ID
-
-
-@pytest.mark.parametrize("marker_id", WORDS)
-def test_a_panel_is_read(marker_id: int) -> None:
-    """Its ID, and its corners to within a dark band."""
-    (detection,) = detections(reader().read(photograph(word(marker_id))))
-    assert detection.id == marker_id
-    np.testing.assert_allclose(detection.corners_px, PLACE, atol=CORNER_PX)
 
 
 @pytest.mark.parametrize("quarter_turns", [1, 2, 3])
@@ -97,22 +80,6 @@ def test_the_first_corner_is_the_markers_top_left_one(marker_id: int, quarter_tu
     (detection,) = detections(reader().read(photograph(word(marker_id, quarter_turns))))
     assert detection.id == marker_id
     np.testing.assert_allclose(detection.corners_px, np.roll(PLACE, -quarter_turns, axis=0), atol=CORNER_PX)
-
-
-@pytest.mark.parametrize("turn_deg", [-40, 10, 30])
-def test_a_rolled_panel_is_read(turn_deg: float) -> None:
-    """Bands run along the picture's rows and cells do not: their middles still show whole bands."""
-    corners = square(310.3, 240.6, 190, turn_deg)
-    (detection,) = detections(reader().read(photograph(word(7), corners)))
-    assert detection.id == 7
-    np.testing.assert_allclose(detection.corners_px, corners, atol=CORNER_PX)
-
-
-@pytest.mark.parametrize("phase", [0.0, 0.55])
-def test_it_does_not_matter_when_the_frame_begins(phase: float) -> None:
-    """Bands lie at other rows in every frame."""
-    steps = reader().read(photograph(word(7), phases=(phase, (3.7 * phase) % 1.0)))
-    assert [s.id for s in detections(steps)] == [7]
 
 
 def test_several_panels_are_read() -> None:
@@ -128,12 +95,6 @@ def test_several_panels_are_read() -> None:
         np.testing.assert_allclose(found[marker_id], corners, atol=CORNER_PX)
 
 
-@pytest.mark.parametrize("light", [0.12, 0.25, 0.45])
-def test_dim_and_bright_panels_are_read(light: float) -> None:
-    """From an eighth of full scale to where bright bands nearly saturate."""
-    assert [s.id for s in detections(reader().read(photograph(word(23), light=light)))] == [23]
-
-
 def test_other_grids_are_read() -> None:
     """Reads 6 × 6 cells; the word is OpenCV's own picture of the marker."""
     known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_50)
@@ -146,13 +107,6 @@ def test_other_grids_are_read() -> None:
     (detection,) = detections(reader("DICT_6X6_50").read(photograph(cells, corners, profile=even)))
     assert detection.id == 31
     np.testing.assert_allclose(detection.corners_px, corners, atol=CORNER_PX)
-
-
-def test_other_frequencies_are_read() -> None:
-    """Takes the bands' widths of the panel's frequencies and the frame's row time."""
-    spec = PanelSpec(side_m=0.16, black_hz=1000.0, white_hz=1800.0)
-    frame = photograph(word(7), square(310.3, 240.6, 200), spec=spec)
-    assert [s.id for s in detections(reader(spec=spec).read(frame))] == [7]
 
 
 # ---- What is not read
@@ -200,19 +154,6 @@ def test_a_panel_that_shows_no_word_is_reported(pattern: str) -> None:
     steps = reader().read(photograph(drawn(pattern)))
     assert detections(steps) == []
     assert "uemura.not_in_dictionary" in reasons(steps)
-
-
-def test_a_panel_of_another_grid_is_no_word() -> None:
-    """5 × 5 cells, looked at as 4 × 4: what its cells seem to show is not in the dictionary, or is no clear class."""
-    cells = drawn("10110/01011/00110/11101/00101")
-
-    def even(u: Floats, v: Floats) -> Floats:
-        return np.ones_like(u)
-
-    steps = reader().read(photograph(cells, square(310, 240, 200), profile=even))
-    assert detections(steps) == []
-    assert reasons(steps) <= {"uemura.not_in_dictionary", "uemura.cell_without_bands"}
-    assert reasons(steps)
 
 
 def test_bands_of_a_few_grey_levels_are_not_seen() -> None:
@@ -266,11 +207,6 @@ def test_d_each_band_is_of_the_class_whose_width_is_nearer() -> None:
     expected = [NO_BAND, WHITE_BAND, WHITE_BAND, WHITE_BAND, BLACK_BAND, BLACK_BAND, BLACK_BAND, NO_BAND]
     classes = classify(columns(heights, [0, *heights[:-1], heights[-1]]), (12.0, 6.0))
     np.testing.assert_array_equal(classes, np.repeat(expected, heights)[:, None].repeat(2, axis=1))
-
-
-def test_d_a_run_ends_with_its_column() -> None:
-    """Six rows at the bottom and six at the top of the next column are no band of twelve."""
-    np.testing.assert_array_equal(classify(columns([20, 6], [0, 6, 20]), (12.0, 6.0))[[25, 0], [0, 1]], WHITE_BAND)
 
 
 @pytest.mark.parametrize("turn_deg", [0, 15, 40])
@@ -341,21 +277,6 @@ def test_g_the_restored_picture_is_opencvs_own(marker_id: int) -> None:
     assert (ground == 255).all()
 
 
-def test_every_step_is_kept() -> None:
-    """Keeps what each step made of the frame, to be drawn: the cells of ID 7 are found again in each."""
-    cells = word(7)
-    steps = reader().read(photograph(cells))
-    assert steps.lit.shape == steps.classes.shape == steps.white.shape == (HEIGHT, WIDTH)
-    assert steps.widths_rows == pytest.approx((11.88, 6.06), abs=0.01)
-    read = squares_of_word(steps, 7)
-    np.testing.assert_array_equal(read.white_share > read.black_share, cells)
-    assert np.maximum(read.white_share, read.black_share).min() >= 0.5
-    assert read.restored is not None
-    np.testing.assert_array_equal(read.restored[25:65:10, 25:65:10] == 255, cells)
-    assert (steps.white[200:280, 270:350] == 255).all()
-    np.testing.assert_allclose(read.framed_px.mean(axis=0), read.corners_px.mean(axis=0), atol=5)
-
-
 # ---- In the pipeline
 
 
@@ -366,13 +287,6 @@ def path(*overrides: str, lens: Intrinsics | None = PINHOLE, exposure_us: float,
 
 def ids(decoded: Decoded) -> list[int]:
     return sorted(m.detection.id for m in decoded.markers)
-
-
-def test_bands_is_a_method_of_the_configuration() -> None:
-    """`decode.method: uemura`; a method that is not there is refused by name."""
-    assert load_config(None, ("panels.side_m=0.16", "decode.method=uemura")).decode.method == "uemura"
-    with pytest.raises(ConfigError, match=r"decode\.method: must be 'likelihood' or 'uemura'"):
-        load_config(None, ("panels.side_m=0.16", "decode.method=stripes"))
 
 
 def test_antiphase_panels_are_refused() -> None:
@@ -408,15 +322,6 @@ def test_a_panel_of_other_frequencies_is_read_with_those() -> None:
     canvas.panel(square(450, 240, 200), word(23), spec=slow)
     pipeline = path("panels.overrides.23={black_hz: 900, white_hz: 1500}", exposure_us=SHORT_US)
     assert ids(pipeline.decode(canvas.frame())) == [7, 23]
-
-
-def test_a_lens_that_bends_the_square_a_little_does_not_matter() -> None:
-    """The method knows of no lens; the pose does."""
-    straight = square(400, 300, 150, 3)
-    frame = photograph(word(7), straight, lens=LENS)
-    (marker,) = path(lens=LENS, exposure_us=SHORT_US).decode(frame).markers
-    assert marker.detection.id == 7
-    np.testing.assert_allclose(marker.detection.corners_px, seen_through(LENS, straight), atol=CORNER_PX)
 
 
 def test_recordings_by_other_code_are_read_where_their_bands_are_deep(shared: Callable[[str], Path]) -> None:

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from evaluation.suites import plan as plan_module
 from evaluation.suites import units as units_module
-from evaluation.suites import workers as workers_module
 from evaluation.suites.__main__ import app
 from evaluation.suites.conditions import Condition, Suite
 from evaluation.suites.draw import Take, draw_take
@@ -22,7 +21,6 @@ from evaluation.suites.units import Unit, code_version, run_unit
 from ledpi.camera.recording.reader import load_recording
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
-from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.workshop.evaluate.page import source_digest
 
@@ -115,23 +113,6 @@ def test_the_page_shows_tables_plots_and_the_command() -> None:
     assert Path("out/rates-10000us-srgb.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
-def test_decoys_give_no_false_id() -> None:
-    """24 frames each of what is most like a panel, read one by one and as streams."""
-    options: tuple[str, ...] = ("--suite", "decoys", "--exposure-us", "10000", "--frames", "24")
-    kinds = ("near_words", "single_class", "pwm_lights")
-    options += ("--method", "likelihood", "--method", "stream")
-    out = run("--out", "out", *options, *(word for kind in kinds for word in ("--case", kind)))
-    lines = table("out")
-    assert {(line["case"], line["method"]) for line in lines} == {
-        (k, m) for k in kinds for m in ("likelihood", "stream_all")
-    }
-    assert {line["frames"] for line in lines} == {"24"}
-    assert {line["false_ids"] for line in lines} == {"0"}
-    assert {line["rate"] for line in lines} == {""}
-    assert "0 in 24 frames of 2 scenes" in out
-
-
 PLAIN = Condition(
     suite="paper",
     case="plain",
@@ -181,20 +162,6 @@ def a_plan(suite: Suite, case: str, *set_: str) -> Plan:
     )
 
 
-@pytest.mark.slow
-def test_a_decoy_that_is_read_as_an_id_that_a_part_can_show_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets every ID exist for decoys, whatever is configured: nobody is to miss that one is read as 17, say."""
-    drawn = draw_take(PLAIN, UNIT.panels, 1, 0)
-    (panel,) = drawn.scene.panels
-    shows_17 = replace(panel, codeword=load_dictionary("DICT_4X4_50").codeword(17), marker_id=None)
-    take = replace(drawn, scene=replace(drawn.scene, panels=(shows_17,)))
-    monkeypatch.setattr(units_module, "draw_take", lambda *of: take)
-    for unit in a_plan("decoys", "mirrored", "panels.ids=[7]").units():
-        tally = run_unit(replace(unit, methods=("likelihood",)))["rows"]["likelihood"]
-        assert (tally["frames"], tally["false_ids"]) == (12, 12)
-        assert tally["false"][0].startswith("take 0, frame 0: ID 17")
-
-
 @pytest.mark.parametrize(("case", "searched"), [("oscillators off by 1 %", True), ("plain", False)])
 def test_where_oscillators_are_off_frequencies_are_sought(case: str, searched: bool) -> None:
     """As who has such panels would configure it; elsewhere as it is configured."""
@@ -237,20 +204,6 @@ def test_a_cluster_gives_the_same_results(cluster: str) -> None:
     assert table("there") == table("here")
 
 
-ANTIPHASE = ("--set", "panels.phase=antiphase", "--set", "panels.white_hz=1250")
-
-
-@pytest.mark.slow
-def test_antiphase_is_left_to_those_that_can_read_it() -> None:
-    """The paper's method cannot: it has no row, and is refused where it is asked for."""
-    run("--out", "out", *SMALL, *ANTIPHASE)
-    assert {line["method"] for line in table("out")} >= {"likelihood", "stream_12", "aruco"}
-    assert "uemura" not in {line["method"] for line in table("out")}
-    with pytest.raises(ConfigError, match=r"--method: uemura distinguishes classes .* must be likelihood"):
-        run("--out", "none", *SMALL, *ANTIPHASE, "--method", "uemura")
-    assert not Path("none/units.jsonl").exists()
-
-
 def test_a_take_becomes_a_recording_to_look_at() -> None:
     """With its truth, and as the driver describes it, which its frames' times correct."""
     where = ("--suite", "robustness", "--case", "row time misreported by 6 %", "--distance", "1")
@@ -279,14 +232,3 @@ def test_what_cannot_be_is_said_in_one_line(arguments: tuple[str, ...], message:
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
     assert not Path("out/results.csv").exists()
-
-
-@pytest.mark.slow
-def test_a_scheduler_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line, once it has been waited for."""
-    pytest.importorskip("distributed", reason="dask.distributed is not installed (extra: suites)")
-    monkeypatch.setattr(workers_module, "CONNECT_S", 0.5)
-    with pytest.raises(ConfigError, match=r"--scheduler tcp://127\.0\.0\.1:9: no scheduler answers there"):
-        run("--out", "out", *SMALL, "--scheduler", "tcp://127.0.0.1:9")
-    with pytest.raises(ConfigError, match="--scheduler nowhere: must be as tcp://HOST:PORT"):
-        run("--out", "out", *SMALL, "--scheduler", "nowhere")

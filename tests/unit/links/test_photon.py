@@ -73,11 +73,11 @@ def test_a_panel_without_a_pose_is_no_target() -> None:
 def test_the_topic_says_which_message_it_holds(capfd: pytest.CaptureFixture[str]) -> None:
     """PhotonLib asks for it every 5 s; ntcore has nothing to warn of."""
     ntcore = pytest.importorskip("ntcore")
-    from ledpi.links.nt import _publish_photon
+    from ledpi.links.nt import publish_photon
 
     instance = ntcore.NetworkTableInstance.create()
     topic = instance.getRawTopic("/photonvision/ledpi/rawBytes")
-    publisher = _publish_photon(topic, ntcore.PubSubOptions())
+    publisher = publish_photon(topic, ntcore.PubSubOptions())
     assert topic.getProperty("message_uuid") == MESSAGE
     publisher.close()
     ntcore.NetworkTableInstance.destroy(instance)

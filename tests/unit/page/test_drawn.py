@@ -211,6 +211,16 @@ def test_a_line_that_is_no_taps_is_refused_by_its_key(change: dict[str, Any]) ->
         check_line(decoded(1, **change))
 
 
+@pytest.mark.parametrize("key", ["looks", "rejected"])
+def test_what_was_not_read_has_four_corners_too(key: str) -> None:
+    """In a picture's line."""
+    four: list[list[float]] = [[0, 0]] * 4
+    picture = {"type": "picture", "pixels": {}, "decoded": decoded(1)}
+    check_line(picture | {key: [{"corners_px": four, "why": "too_far"}]})
+    with pytest.raises(ValueError, match="corners_px: must be four"):
+        check_line(picture | {key: [{"corners_px": four[1:], "why": "too_far"}]})
+
+
 # ---- Colours
 
 

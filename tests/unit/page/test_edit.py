@@ -54,6 +54,22 @@ def test_changes_are_made_and_no_secret_is_told(site: Site, file: Path) -> None:
         assert secret not in told.body + wrong.body + unpacked
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "then"),
+    [
+        ("view.listen", "127.0.0.1:8089", "; start ledpi view again to apply it"),
+        ("view.edit", "false", ""),
+        ("outputs.field", "{kind: mqtt, host: 10.0.0.2}", "; start its bridge again to apply it"),
+    ],
+)
+def test_the_answer_names_what_must_be_started_again(site: Site, key: str, value: str, then: str) -> None:
+    """Nothing for `view.edit`, which counts at once."""
+    body = json.dumps({"do": "set", "key": key, "value": value}).encode()
+    says = site.ask("POST", "/api/edit", body=body).json()["says"]
+    assert says.startswith(f"{key}: saved{then}")
+    assert ("start" in says) == bool(then)
+
+
 def test_a_backup_comes_back_and_the_token_stays(site: Site, file: Path) -> None:
     """The older map is kept."""
     archive = site.ask("GET", "/api/backup").body

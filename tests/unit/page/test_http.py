@@ -122,13 +122,6 @@ def test_a_picture_comes_with_what_is_drawn_over_it(site: Site, daemon: MadeUpDa
     assert sum(shown["histogram"]) == 64 * 48
 
 
-def test_each_answer_brings_another_picture(site: Site, daemon: MadeUpDaemon) -> None:
-    """Who says which one it has gets the next."""
-    site.state_once("up")
-    first = site.frame()
-    assert site.frame(after=first["number"])["seq"] > first["seq"]
-
-
 def test_why_not_is_in_words(site: Site, daemon: MadeUpDaemon, monkeypatch: pytest.MonkeyPatch) -> None:
     """Evidence is asked of the daemon only for that view; each candidate has its place, its reason and what helps."""
     beside = [[40.0, 30.0], [55.0, 30.0], [55.0, 45.0], [40.0, 45.0]]
@@ -396,13 +389,6 @@ def test_a_body_of_10_mb_is_refused_before_it_is_sent(site: Site) -> None:
         assert _all(connection).startswith(b"HTTP/1.1 413 ")
 
 
-def test_a_client_that_asks_first_is_told_not_to_send(site: Site) -> None:
-    """As curl does with large bodies: no 100 Continue."""
-    with site.raw() as connection:
-        connection.sendall(_request("POST /api/save", f"Content-Length: {10 << 20}", "Expect: 100-continue"))
-        assert _all(connection).startswith(b"HTTP/1.1 413 ")
-
-
 @pytest.mark.parametrize(
     ("header", "status"),
     [
@@ -440,13 +426,6 @@ def test_what_is_no_request_is_refused(site: Site, sent: bytes) -> None:
         assert b" 400 " in answer[:20] or b" 414 " in answer[:20] or b" 505 " in answer[:20]
         assert sent[:8] not in answer
     assert site.ask("GET", "/").status == 200
-
-
-def test_too_many_headers_are_refused(site: Site) -> None:
-    """431, as http.server does."""
-    with site.raw() as connection:
-        connection.sendall(_request("GET /", *(f"X-{i}: 1" for i in range(200))))
-        assert _all(connection).startswith(b"HTTP/1.1 431 ")
 
 
 # ---- Who comes

@@ -72,7 +72,7 @@ def test_what_is_no_token_is_told(token: str) -> None:
 def test_a_proxy_may_ask_by_its_own_name() -> None:
     """`view.hosts` are names that the page is asked for by, besides this machine's own; any other is refused."""
     settings = load_config(None, (GIVEN, "view.listen=127.0.0.1:0", "view.hosts=[Robot.lan]")).view
-    server, token = command._open(settings, hub := Hub("/nowhere"), Settings(hub, None, ()))
+    server, token = command.open_server(settings, hub := Hub("/nowhere"), Settings(hub, None, ()))
     server.server_close()
     right = {"authorization": f"Bearer {token}"}
     assert server.guard.refuse("/api/state", {"host": "robot.lan", **right}) is None

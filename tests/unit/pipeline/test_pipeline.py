@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.camera.simulate.scene import Light, Panel, Room, Scene, SimulatedSensor, SquareWave
+from ledpi.camera.simulate.scene import Panel, Scene, SimulatedSensor
 from ledpi.camera.simulate.scenes import drive_scene, ov5647_lens
-from ledpi.camera.simulate.trajectory import Gliding, Still, facing_camera
+from ledpi.camera.simulate.trajectory import Gliding, facing_camera
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
@@ -31,7 +31,6 @@ from tests.builders.decode import (
     Canvas,
     camera_info,
     diffuser,
-    drawn,
     panel_settings,
     square,
     word,
@@ -405,43 +404,6 @@ def test_another_panel_in_a_panels_place_is_not_reported_as_that(corners: Floats
     assert found[25] == [23]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("side", "larger", "old", "new"), [(40, 1.23, 7, 23), (45, 1.18, 23, 7)])
-def test_nor_is_one_that_is_larger(side: int, larger: float, old: int, new: int) -> None:
-    """So much that its cells are sampled at other places, where no picture of the old one's is to compare them with."""
-    path, wide = pipeline(stream=True), square(310.3, 240.6, side * larger, 4)
-    before = ids_of(path, [frame_of((square(310.3, 240.6, side, 4), word(old)), seq=n) for n in range(12)])
-    after = ids_of(path, [frame_of((wide, word(new)), seq=n) for n in range(12, 20)])
-    assert before[11] == [old]
-    assert old not in {i for frame_ids in after for i in frame_ids}
-    assert after[7] == [new]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("side", "larger", "turn_deg", "old", "new", "gap", "seed"),
-    [(111, 1.13, 90, 17, 12, 8, 63), (105, 1.13, 45, 0, 23, 12, 26), (100, 1.08, 0, 12, 42, 23, 55)],
-)
-def test_nor_is_one_that_looks_so_unlike_that_comparing_them_tells_nothing(
-    side: int, larger: float, turn_deg: float, old: int, new: int, gap: int, seed: int
-) -> None:
-    """Its cells are otherwise uneven, and it hangs a fifth of its side away, after a gap."""
-    gains = 1 + 0.08 * np.random.default_rng(seed).standard_normal((2, 4, 4))
-    path, found = pipeline(f"panels.ids=[{old}, {new}]", stream=True), []
-    for n in range(14):
-        is_new, seq = n >= 10, n + gap * (n >= 10)
-        canvas, start_us = Canvas(), seq * PERIOD_US
-        if is_new:
-            at = square(310.3 + 0.2 * side, 240.6 - 0.1 * side, larger * side, turn_deg)
-            canvas.panel(at, word(new, 1), start_us=start_us, gains=gains[1])
-        else:
-            canvas.panel(square(310.3, 240.6, side, turn_deg), word(old), start_us=start_us, gains=gains[0])
-        frame = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * start_us))
-        found.append(ids(path.decode(frame)))
-    assert found[9] == [old]
-    assert old not in {i for frame_ids in found[10:] for i in frame_ids}
-
-
 def test_a_tracked_panel_is_sought_in_its_neighbourhood() -> None:
     """Two of three frames that show it where it was expected do not search the picture at all."""
     path = pipeline(stream=True)
@@ -587,44 +549,6 @@ def test_a_moving_panels_pose_is_that_of_its_centre_rows_moment() -> None:
             errors.append(float(np.linalg.norm(off)))
     assert len(errors) >= 8
     assert np.median(errors) < 0.005
-
-
-@pytest.mark.slow
-def test_decoys_are_never_reported() -> None:
-    """Lamps on the mains and at a PWM frequency, a window with bars, a disc at our frequency, a dead panel."""
-
-    def at(x: float, y: float) -> Still:
-        return Still(facing_camera(np.array([x, y, 1.5]), yaw_deg=10))
-
-    lights = (
-        Light(shape="rectangle", width_m=0.16, height_m=0.16, motion=at(-0.5, -0.35), level=0.5),
-        Light(
-            shape="rectangle", width_m=0.16, height_m=0.16, motion=at(-0.2, -0.35), level=0.5,
-            wave=SquareWave(frequency_hz=100.0),
-        ),
-        Light(
-            shape="rectangle", width_m=0.2, height_m=0.2, motion=at(0.15, -0.35), level=0.4,
-            wave=SquareWave(frequency_hz=1250.0),
-        ),
-        Light(
-            shape="rectangle", width_m=0.2, height_m=0.2, motion=at(0.5, -0.35), level=0.4,
-            wave=SquareWave(frequency_hz=2450.0),
-        ),
-        Light(shape="lattice", width_m=0.25, height_m=0.25, motion=at(-0.4, 0.1), level=0.7, panes=(4, 4)),
-        Light(
-            shape="disc", width_m=0.2, height_m=0.2, motion=at(0.0, 0.1), level=0.5,
-            wave=SquareWave(frequency_hz=1250.0),
-        ),
-    )  # fmt: skip
-    dead = Panel(
-        codeword=drawn("1111/1111/1111/1111"), spec=dataclasses.replace(SPEC, black_hz=90.0, white_hz=40_000.0),
-        motion=at(0.4, 0.1), marker_id=None,
-    )  # fmt: skip
-    scene = Scene(sensor=sensor(), panels=(dead,), lights=lights, room=Room(level=0.06))
-    for stream in (False, True):
-        path = scene_path(scene, stream=stream)
-        for frame in scene_frames(SimulatedCamera(scene, seed=2, paced=False, frames=12)):
-            assert path.decode(frame).markers == ()
 
 
 @pytest.mark.parametrize("place", ["tag", "exit", "hole"])

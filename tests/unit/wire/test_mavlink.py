@@ -7,7 +7,6 @@ import math
 import os
 import select
 import signal
-import subprocess
 import sys
 import time
 import tty
@@ -35,9 +34,8 @@ from ledpi.wire.message import MarkerMessage, NoFix, State, StatusMessage, fix_m
 from ledpi.wire.outbox import Outbox
 from ledpi.wire.publisher import Publisher
 from ledpi.workshop.doctor.checks import examine
-from tests.builders import ROOT
 from tests.builders.daemon import SIMULATED, daemon, end
-from tests.builders.waiting import limit_s, wait_until
+from tests.builders.waiting import wait_until
 from tests.builders.wire import decoded, marker_pose, robot_fix
 
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # a panel that hangs upright and faces the camera
@@ -381,21 +379,3 @@ def test_the_daemon_speaks_mavlink() -> None:
     assert ended.status == 0
     assert all(0.5 < target.x < 3.0 and target.position_valid for target in autopilot.of("LANDING_TARGET"))
     assert {message.get_srcSystem() for message in autopilot.of("HEARTBEAT")} == {9}
-
-
-@pytest.mark.slow
-def test_without_pymavlink_run_ends_with_status_2() -> None:
-    """Before anything streams, and without a traceback; our own protocol does not miss it."""
-    settings = ["panels.side_m=0.16", "camera.source=simulated", "serial.port=nothing"]
-    script = "import sys; sys.modules['pymavlink'] = None; from ledpi.cli import main; main()"
-
-    def run(protocol: str) -> subprocess.CompletedProcess[str]:
-        sets = [part for item in [*settings, f"serial.protocol={protocol}"] for part in ("--set", item)]
-        command = [sys.executable, "-c", script, "run", "--frames", "1", "--unpaced", *sets]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=limit_s(30))
-
-    refused = run("mavlink")
-    assert refused.returncode == 2
-    assert "pip install 'ledpi[mavlink]'" in refused.stderr
-    assert "Traceback" not in refused.stderr
-    assert run("ledpi").returncode == 0

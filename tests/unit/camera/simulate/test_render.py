@@ -249,21 +249,6 @@ def test_mains_flicker_bands_the_room_as_far_as_the_exposure_leaves_it(frequency
         assert float(fit[1][0]) < 1e-6  # all of it is the ripple's own frequency
 
 
-def test_what_hangs_on_the_mains_flickers_together() -> None:
-    """A lamp, the wall beside it and a panel's unlit bezel are brightest in the same rows."""
-    ripple = Ripple(frequency_hz=120.0, depth=0.6)
-    lamp = Light(shape="rectangle", width_m=0.2, height_m=0.8, motion=standing(z_m=1.0), level=0.4, wave=ripple)
-
-    def light(wave: Ripple | None) -> np.ndarray:
-        shining = dataclasses.replace(lamp, wave=wave)
-        scene = Scene(sensor=sensor(PINHOLE, exposure_us=2_000.0), lights=(shining,), room=Room(ripple=wave))
-        return np.array(Renderer(scene, seed=3).light(0))
-
-    ratio = light(ripple) / light(None)
-    np.testing.assert_allclose(ratio[100:380, 320], ratio[100:380, 50], rtol=1e-3)
-    assert np.ptp(ratio[:, 50]) > 0.5
-
-
 def test_antiphase_classes_are_half_a_cycle_apart() -> None:
     """A panel of one class only is dark where one of the other is bright: together they do not flicker."""
     usual = panel(standing(z_m=1.0))

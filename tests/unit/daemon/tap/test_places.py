@@ -8,11 +8,11 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from ledpi.core.errors import ConfigError
-from ledpi.daemon.tap import crowd
 from ledpi.daemon.tap.crowd import Listening
 from ledpi.daemon.tap.places import SERVICE, to_look, to_serve
 from tests.builders import ROOT
@@ -149,8 +149,9 @@ def test_the_group_may_use_it_whatever_the_umask(
     tmp_path: Path, group: str | None, mode: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Lets the daemon's group in where that is `ledpi`, as in the service; by hand it is its user's alone."""
-    gid = None if group is None else os.getegid() + (group == "another")
-    monkeypatch.setattr(crowd, "_gid", lambda name: gid)
+    gid = os.getegid() + (group == "another")
+    groups = {"ledpi": SimpleNamespace(gr_gid=gid)} if group else {}
+    monkeypatch.setattr("grp.getgrnam", groups.__getitem__)
     before = os.umask(0o077)
     try:
         listens = Listening(tmp_path / "tap.sock")

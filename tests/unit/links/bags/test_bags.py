@@ -6,7 +6,6 @@ import filecmp
 import json
 import os
 import random
-import resource
 import signal
 import struct
 import subprocess
@@ -150,17 +149,6 @@ def test_a_recording_comes_back_as_it_was(bag: Path, take: Path, tmp_path: Path)
     names = [str(path.relative_to(take)) for path in take.rglob("*") if path.is_file()]
     assert len(names) == FRAMES + 2
     assert filecmp.cmpfiles(take, tmp_path / "back", names, shallow=False) == (names, [], [])
-
-
-@pytest.mark.slow
-def test_a_bag_that_is_cut_off_is_read_up_to_there(bag: Path, tmp_path: Path) -> None:
-    """As after a power failure: one line says so."""
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(bag.read_bytes()[: bag.stat().st_size * 2 // 3])
-    done = ledpi("import", cut, tmp_path / "back")
-    assert done.returncode == 0
-    assert done.stderr == f"{cut}: is cut off; what stands before that is read\n"
-    assert 3 < len(load_recording(tmp_path / "back").frames) < FRAMES
 
 
 # ---- What we read in others'
@@ -445,16 +433,6 @@ def test_a_video_that_is_cut_off_or_none_is_one_line(tmp_path: Path, run: Run) -
 
 
 @pytest.mark.slow
-def test_a_bag_without_camera_info_gives_a_recording_without_a_lens(take: Path, tmp_path: Path) -> None:
-    """And one line that says so."""
-    bag = foreign_bag(tmp_path / "foreign", take, info=False)
-    done = ledpi("import", bag, tmp_path / "back", *OWN_ROW_TIME)
-    assert done.returncode == 0
-    assert "has no camera info: the recording has no lens" in done.stderr
-    assert load_recording(tmp_path / "back").camera.intrinsics is None
-
-
-@pytest.mark.slow
 def test_a_video_becomes_a_recording(take: Path, tmp_path: Path) -> None:
     """Its pictures in grey, at the video's own times."""
     clip = tmp_path / "clip.avi"
@@ -533,25 +511,6 @@ def test_memory_does_not_grow_with_the_bag(take: Path, tmp_path: Path) -> None:
     assert used_kb[1] < used_kb[0] + 20_000
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("whose", ["ours", "another's"])
-def test_a_disk_that_fills_up_while_a_bag_is_read_is_one_line(
-    bag: Path, take: Path, tmp_path: Path, whose: str
-) -> None:
-    """Leaves what was written until then."""
-    if whose != "ours":
-        bag = foreign_bag(tmp_path / "foreign", take)
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
-
-    done = ledpi("import", bag, tmp_path / "out", *OWN_ROW_TIME, preexec_fn=limit)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f"ledpi: {tmp_path}/out/")
-    assert line.endswith("cannot be written: File too large")
-
-
 # ---- Written as it happens
 
 SIMULATED = ("--set", "panels.side_m=0.16", "--set", "camera.source=simulated")
@@ -584,18 +543,6 @@ def test_a_bag_whose_recorder_was_killed_is_read(tmp_path: Path) -> None:
     done = ledpi("import", out, tmp_path / "back")
     assert done.returncode == 0, done.stderr
     assert len(load_recording(tmp_path / "back").frames) > 5
-
-
-@pytest.mark.slow
-def test_a_full_disk_is_one_line(take: Path, tmp_path: Path) -> None:
-    """A file that may not grow further stands in for it."""
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000))
-
-    done = ledpi("export", take, tmp_path / "b.mcap", preexec_fn=limit)
-    assert done.returncode == 2
-    assert done.stderr == f"ledpi: {tmp_path}/b.mcap: cannot be written: File too large\n"
 
 
 def test_a_bag_is_not_written_over(bag: Path, take: Path, run: Run) -> None:

@@ -119,14 +119,6 @@ def test_a_stream_reads_what_one_picture_does_not_show() -> None:
     assert taken[-1][1] - 10_000_000 < marker.time_ns < taken[-1][1] + 20_000_000
 
 
-def test_pictures_alone_do_not_add_up(near: Pixels) -> None:
-    """`Reader.read` remembers nothing, however often it is called."""
-    alone = reader()
-    first, second = (alone.read(near, row_time_us=ROW_TIME_US)[0] for _ in range(2))
-    assert (first.frames_used, second.frames_used) == (1, 1)
-    assert (first.corners_px == second.corners_px).all()
-
-
 @pytest.mark.parametrize(
     ("axis", "name"), [(1, "yaw"), (0, "pitch"), (2, "roll")], ids=["about y", "about x", "about z"]
 )
@@ -316,14 +308,6 @@ def test_two_threads_at_once_are_refused(near: Pixels, of: str, monkeypatch: pyt
 # ---- More than markers
 
 
-def test_a_panel_of_another_size_is_placed_by_it(near: Pixels) -> None:
-    """Places one of half the side at half the distance."""
-    whole, half = reader(), reader(overrides={7: {"side_m": 0.08}})
-    (far,), (close,) = (one.read(near, row_time_us=33.67) for one in (whole, half))
-    assert far.distance_m is not None
-    assert close.distance_m == pytest.approx(far.distance_m / 2, rel=1e-3)
-
-
 def test_a_map_tells_where_the_robot_is(near: Pixels, tmp_path: Path) -> None:
     """Before the panel, at its distance, the camera's mount counted in; without a map there is no fix."""
     (tmp_path / "markers.yaml").write_text("panels: {7: {position_m: [0, 0, 1], yaw_deg: 180}}\n")
@@ -429,13 +413,6 @@ def test_a_lens_that_may_be_another_is_refused(values: dict[str, Any], said: str
     with pytest.raises(ledpi.LedpiError) as caught:
         ledpi.Lens.from_matrix([500, 0, 320, 0, 500, 240, 0, 0, 1], **{"size": (640, 480), **values})
     assert str(caught.value).startswith(f"lens: {said}")
-
-
-def test_a_lens_of_another_size_is_refused(near: Pixels) -> None:
-    """The numbers of pictures twice as large would put the panel at twice its distance."""
-    twice = ledpi.Lens.from_matrix(np.diag([2.0, 2.0, 1.0]) @ INTRINSICS.matrix(), size=(1280, 960))
-    with pytest.raises(ledpi.PictureError, match=r"^image: must be 1280 × 960 pixels, as the lens says, not 640 × 480"):
-        reader(lens=twice).read(near, row_time_us=ROW_TIME_US)
 
 
 def test_a_fisheye_s_coefficients_are_those_of_a_fisheye() -> None:

@@ -65,18 +65,6 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return in_process(monkeypatch, capsys, "calibrate", "camera")
 
 
-@pytest.mark.slow
-def test_corners_of_a_rendered_board_are_found(pictures: Path) -> None:
-    """The detector's corners lie within 0.15 px rms of where the board's corners were projected to."""
-    for i, pose in enumerate(POSES):
-        picture = np.asarray(cv2.imread(str(pictures / f"{i:02}.png"), GREY), dtype=np.uint8)
-        view = find_board(f"{i}", picture, BOARD)
-        assert view is not None
-        truth = projected("", pose, seed=i).corners_px
-        nearest = np.linalg.norm(view.corners_px[:, None] - truth[None], axis=2).min(axis=1)
-        assert np.sqrt((nearest**2).mean()) < 0.15
-
-
 def test_a_rendered_camera_is_asked_back(pictures: Path, command: Command) -> None:
     """Focal lengths within 0.3 %, principal point within 1 px, and rays within 1 px everywhere.
 
@@ -180,21 +168,6 @@ def test_views_of_no_board_are_refused() -> None:
     assert "rms is" in refusal(views) or "no camera" in refusal(views)
 
 
-@pytest.mark.slow
-def test_a_lens_that_explains_nothing_is_never_written(command: Command) -> None:
-    """Every second picture is stretched, as by a zoom: each shows a board, and no camera shows them all."""
-    Path("pictures").mkdir()
-    stretch = np.array([[1.25, 0.1, -90.0], [0.0, 0.8, 40.0]])
-    for number, picture in enumerate(charuco_pictures()):
-        height, width = picture.shape
-        seen = cv2.warpAffine(picture, stretch, (width, height), borderValue=90) if number % 2 else picture
-        cv2.imwrite(f"pictures/{number:02}.png", seen)
-    status, out, err = command("pictures", "--cols", 6, "--rows", 5)
-    assert (status, err.count("\n")) == (2, 1), out + err
-    assert "rms is" in err or "no camera" in err or "views agree" in err
-    assert [path.name for path in Path().iterdir()] == ["pictures"]
-
-
 def test_a_refusal_is_one_line_and_writes_nothing(command: Command) -> None:
     """Exit status 2, one line on standard error, and the older file is as it was."""
     Path("camera.yaml").write_text("precious")
@@ -209,15 +182,12 @@ def test_a_refusal_is_one_line_and_writes_nothing(command: Command) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [(8, 6), (9, 7)])
-def test_a_size_that_is_not_the_boards_is_reported_at_once(
-    pictures: Path, command: Command, size: tuple[int, int]
-) -> None:
+def test_a_size_that_is_not_the_boards_is_reported_at_once(pictures: Path, command: Command) -> None:
     """After three pictures that agree, by the options that would be right."""
-    status, _, err = command(pictures, "--board", "chessboard", "--cols", size[0], "--rows", size[1])
+    status, _, err = command(pictures, "--board", "chessboard", "--cols", 8, "--rows", 6)
     assert status == 2
     right = "but 3 pictures with another board; must be --board chessboard --cols 6 --rows 5"
-    assert err == f"ledpi: {pictures}: no chessboard with {size[0]} × {size[1]} inner corners, {right}\n"
+    assert err == f"ledpi: {pictures}: no chessboard with 8 × 6 inner corners, {right}\n"
 
 
 @pytest.mark.slow
@@ -251,18 +221,11 @@ def test_folders_and_files_that_cannot_be_used_are_named(tmp_path: Path, command
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("side", "focal_px"), [("left", 973), pytest.param("right", 968, marks=pytest.mark.slow)])
-def test_real_pictures(
-    side: str,
-    focal_px: float,
-    shared: Callable[[str], Path],
-    tmp_path: Path,
-    command: Command,
-) -> None:
-    """Two webcams: fx within 1 % of OpenCV's on all good views, rms at most 0.16 px."""
-    folder = tmp_path / side
+def test_real_pictures(shared: Callable[[str], Path], tmp_path: Path, command: Command) -> None:
+    """A webcam's: fx within 1 % of OpenCV's on all good views, rms at most 0.16 px."""
+    folder = tmp_path / "left"
     folder.mkdir()
-    for path in shared("real/chessboard").glob(f"{side}*.jpg"):
+    for path in shared("real/chessboard").glob("left*.jpg"):
         (folder / path.name).symlink_to(path)
     Path("config.yaml").write_text("{camera: {width: 1296, height: 972}, panels: {side_m: 0.16}}")
     status, out, _ = command(folder, "--board", "chessboard")
@@ -270,7 +233,7 @@ def test_real_pictures(
     written = yaml.safe_load(Path("camera.yaml").read_text())
     assert status == 0
     assert "18 pictures, 18 with the board" in out
-    assert load_intrinsics(Path("camera.yaml")).fx == pytest.approx(focal_px, rel=0.01)
+    assert load_intrinsics(Path("camera.yaml")).fx == pytest.approx(973, rel=0.01)
     assert written["ledpi"]["rms_px"] <= 0.16
 
 

@@ -108,17 +108,6 @@ def test_what_only_the_recording_knows_is_written_too(command: Command, simulate
 
 
 @pytest.mark.slow
-def test_what_is_said_and_what_is_written_are_of_one_announcement(command: Command, simulated: Simulated) -> None:
-    """The recording announces 1350 Hz, the configuration 1250, and that is right: so it is claimed to be."""
-    take = simulated(claimed={"panel": {"black_hz": 1350.0}})
-    status, out, _ = command("calibrate", "panel", take)
-    assert status == 0
-    assert "% of 1250)" in out
-    assert "1350" not in out
-    assert "panel 7 blinks as configured" in out
-
-
-@pytest.mark.slow
 def test_a_duty_that_is_off_by_noise_is_not_written(command: Command, simulated: Simulated) -> None:
     """The panel is off in frequency; of its duty 0.502 would be measured, where 0.5 is announced."""
     announced = {"panel": {"black_hz": 1250.0, "white_hz": 2450.0}}
@@ -167,14 +156,6 @@ def test_a_row_time_that_the_driver_misreports_is_written(command: Command, simu
     assert status == 0
     assert "the driver misreports its row time by +6.0%" in out
     assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(31.75, rel=2e-3)
-
-
-@pytest.mark.slow
-def test_a_driver_that_is_right_changes_nothing(command: Command, simulated: Simulated) -> None:
-    """The row time stays the driver's."""
-    take = simulated(claimed={})
-    assert "row time is right: nothing to write" in command("calibrate", "shutter", take)[1]
-    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
 
 
 @pytest.mark.slow

@@ -73,15 +73,6 @@ def test_where_all_is_well_the_daemon_would_run() -> None:
     assert {name for name, state in states.items() if state == "ok"} >= well | {"serial port"}
 
 
-@pytest.mark.slow
-def test_a_lens_that_is_missing_stops_the_simulator_too() -> None:
-    """As with a camera: who tries the configuration out on the simulator hears of it there."""
-    given = ("camera.source=simulated", "camera.intrinsics=gone.yaml")
-    found = {finding.name: finding for finding in examine(load_config(None, given))}
-    assert (found["camera"].state, found["camera"].stops_daemon) == ("bad", True)
-    assert "gone.yaml: cannot be read" in found["camera"].said
-
-
 HUNG = "{position_m: [4, 1, 1.5], yaw_deg: 180}"
 
 
@@ -118,9 +109,6 @@ def test_the_map_is_read_as_the_daemon_reads_it(
             "IDs 3, 8 to 9, 17, 22, 30, 33, 37, 47 are reported only if panels.ids lists them: a part or a refl",
         ),
         (("panels.ids=[23, 9]",), "ok", "panels.ids: 9, 23; a mirror, window or glossy floor can show 9 where there"),
-        (("panels.ids=[23, 3]",), "ok", "panels.ids: 3, 23"),
-        (("panels.dictionary=DICT_5X5_50",), "ok", "all of DICT_5X5_50"),
-        (("panels.overrides={17: {duty: 0.4}}",), "bad", "panels.overrides: ID 17 is reported only if panels.ids"),
         (("panels.ids=[3]", "panels.overrides={7: {duty: 0.4}}"), "bad", "panels.overrides: ID 7 is reported only if"),
     ],
 )

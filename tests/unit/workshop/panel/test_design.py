@@ -17,7 +17,7 @@ from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.camera.simulate.trajectory import Still, facing_camera
 from ledpi.camera.simulate.truth import scene_truth
 from ledpi.cli import app, main, panel_design
-from ledpi.cli.panel_design import _farthest_first
+from ledpi.cli.panel_design import farthest_first
 from ledpi.config.settings import load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
@@ -37,7 +37,6 @@ from ledpi.workshop.panel.design import (
     ranked,
     views_of,
 )
-from ledpi.workshop.panel.design_plots import contrast_figure, reach_figure
 from ledpi.workshop.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
 from ledpi.workshop.panel.information import View, evidence_of, separation_nats, view_panel
 from ledpi.workshop.panel.reach import Reach, chance_of_reading, reach_of
@@ -281,10 +280,9 @@ def test_range_is_read_off_between_distances() -> None:
     assert reach.range_m((1.0, 0.95, 0.9)) == 8.0
 
 
-def test_a_folder_that_cannot_be_made_is_reported_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_cannot_be_made_is_reported_at_once(tmp_path: Path) -> None:
     """And not after the minutes that a design takes."""
     (tmp_path / "file").touch()
-    monkeypatch.setattr(panel_design, "_design", lambda *_: pytest.fail("went to work"))
     with pytest.raises(ConfigError, match=r"--out file: cannot be written: File exists"):
         run("--out", "file")
 
@@ -323,8 +321,9 @@ def test_check_begins_with_its_verdict_and_exits_with_1_if_that_is_bad() -> None
 
 
 @pytest.mark.slow
-def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
+def test_antiphase_is_read_where_two_frequencies_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     """One frame at 2.5 m, four frames at 8 m; with another duty one class would not fill the other's gaps."""
+    monkeypatch.setattr("ledpi.workshop.panel.reach.DRAWS", 100)
     asked = task(2.5, 8.0)
     views = views_of(asked)
     one = antiphase_proposals(asked, views)[0]
@@ -351,23 +350,11 @@ def test_an_antiphase_panel_is_checked_as_one() -> None:
         assert (status, output.count(says)) == (1, 1)
 
 
-def test_no_legend_covers_a_curve() -> None:
-    """Both plots' stand below their axes."""
-    asked = task(1.0)
-    proposal = proposal_at(asked, 1250.0, 2450.0, 504, views_of(asked))
-    reach = Reach(distances_m=(1.0, 2.0), alone=(0.9, 0.2), stream=(1.0, 0.9))
-    for figure in (contrast_figure(asked, proposal), reach_figure([("present", proposal, reach)] * 7)):
-        figure.draw_without_rendering()
-        (legend,) = figure.legends
-        curves = [axes.get_tightbbox() for axes in figure.axes]
-        assert not any(legend.get_window_extent().overlaps(box) for box in curves if box is not None)
-
-
 @pytest.mark.slow
 def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Five pairs and antiphase beside the present one, two plots, and lines that are loaded and found good."""
-    monkeypatch.setattr("ledpi.workshop.panel.reach._DRAWS", 5)
-    monkeypatch.setattr("ledpi.workshop.panel.reach._DISTANCES", 5)
+    monkeypatch.setattr("ledpi.workshop.panel.reach.DRAWS", 5)
+    monkeypatch.setattr("ledpi.workshop.panel.reach.DISTANCES", 5)
     faint = ("--set", "panels.white_hz=2600")  # 25.9 cycles an exposure
     status, output = run("--distance", "1", "--distance", "8", "--fps", "58.93", "--out", "design", *faint)
     assert status == 0
@@ -376,6 +363,7 @@ def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(re.findall(r"\S+ Hz \(black cells\) and \S+ Hz \(white\): " + read, first)) == 2
     assert first.startswith("best are ")
     assert re.findall(r"^(\d|antiphase|present) ", output, re.MULTILINE) == [*"12345", "antiphase", "present"]
+    assert re.search(r"^present: unusable: .*null", output, re.MULTILINE)
     config = load_config(Path("design/panel.yaml"))
     assert config.panels.side_m == 0.16
     assert config.camera.frame_duration_us == round(504.25 * OV5647_ROW_TIME_US)
@@ -407,7 +395,7 @@ def test_the_table_begins_with_what_is_read_furthest() -> None:
     """Alone times in a stream; pairs that are read less far than the present one in some respect come last."""
     proposals = [("pair", None, reach(*metres)) for metres in ((1.7, 7.1), (1.5, 8.4), (1.7, 8.0), (1.4, 9.9))]
     present: Any = ("present", None, reach(1.7, 6.9))
-    ordered = _farthest_first([*proposals, present], "pair", present)  # type: ignore[list-item]
+    ordered = farthest_first([*proposals, present], "pair", present)  # type: ignore[list-item]
     assert [round(row[2].carries_m2(), 1) for row in ordered] == [13.6, 12.1, 13.9, 12.6]
 
 
@@ -421,7 +409,7 @@ def test_where_no_pair_is_read_further_yours_is_kept(monkeypatch: pytest.MonkeyP
     assert "  black_hz: 1250.00\n  white_hz: 2450.00\n" in output
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # a design with all of its draws
 def test_the_pages_name_the_antiphase_frequency_that_the_design_names() -> None:
     """For the default camera and panel."""
     (named,) = re.findall(r"^antiphase: both classes at (\S+) Hz", run()[1], re.MULTILINE)

@@ -183,33 +183,6 @@ def test_parts_of_a_large_panel_make_it_up() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("view", ["front", "back"])
-def test_no_page_of_a_large_panel_shows_what_belongs_on_another(view: str) -> None:
-    """Outside of a part's window there is nothing of the panel: no letter, pin or line, but marks and the ruler."""
-    for name, page in pages(400.0).items():
-        if name.startswith(view):
-            panel = page.figure.axes[1]
-            page.paper.set_visible(False)
-            of_panel = _ink(page)
-            page.paper.set_visible(True)
-            assert of_panel.any()
-            box = panel.get_position()
-            left, right = (round(edge * of_panel.shape[1]) for edge in (box.x0, box.x1))
-            top, bottom = (round((1 - edge) * of_panel.shape[0]) for edge in (box.y1, box.y0))
-            of_panel[top - 2 : bottom + 2, left - 2 : right + 2] = False
-            assert not of_panel.any(), name
-
-
-def _ink(page: Page) -> np.ndarray:
-    """(rows, columns) where a page of 210 × 297 mm is not white."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    canvas = FigureCanvasAgg(page.figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].min(axis=2) < 255
-
-
-@pytest.mark.slow
 def test_many_panels_of_any_grid() -> None:
     """A PDF for each ID, and each page as SVG."""
     told = run("3", "42", "--out", "sheets", "--set", "panels.dictionary=DICT_5X5_50")
