@@ -25,9 +25,8 @@ from ledpi.camera.simulated import SimulatedCamera
 from ledpi.config.panels import PanelSettings
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, inverse, matrix_from_rpy_deg, transform
-from ledpi.core.records import Floats, PanelSpec, Pixels
+from ledpi.core.records import Floats, MapPanel, PanelSpec, Pixels
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.pose.panel_map import MapPanel
 from ledpi.state.estimator import Estimator
 
 SIDE_M, HEIGHT_M = 0.16, 0.45
