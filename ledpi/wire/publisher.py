@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 
 from ledpi.config.settings import SerialSettings
 from ledpi.core.errors import WireError
@@ -108,16 +109,16 @@ class Publisher:
 
     def set_state(self, state: StateMessage, t_ns: int) -> None:
         """Hands over where the robot is, at a time of CLOCK_MONOTONIC, in place of an older one. Never waits."""
-        if self._settings.port is None:
-            return
-        with self._wake:
-            self._outbox.put_state(state, t_ns)
-            self._wake.notify()
+        if self._settings.port is not None:
+            self._hand_over(Outbox.put_state, state, t_ns)
 
     def set_status(self, status: StatusMessage) -> None:
         """Sets what the heartbeat says from now on; `packets_dropped` is filled in here."""
+        self._hand_over(Outbox.set_status, status)
+
+    def _hand_over(self, put: Callable[..., None], *what: object) -> None:
         with self._wake:
-            self._outbox.set_status(status)
+            put(self._outbox, *what)
             self._wake.notify()
 
     def name_others(self) -> None:
@@ -208,9 +209,7 @@ class Publisher:
     def _hear(self, data: bytes, now_ns: int) -> None:
         ear, mavlink = self._ear, self._mavlink  # other ones, after a reload
         for answer in () if mavlink is None else mavlink.questions.heard(data, now_ns):
-            with self._wake:
-                self._outbox.put_answer(answer)
-                self._wake.notify()
+            self._hand_over(Outbox.put_answer, answer)
         if ear is not None:
             ear.heard(data, now_ns)
 

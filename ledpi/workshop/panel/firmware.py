@@ -154,7 +154,7 @@ def settings_text(firmware: Firmware) -> str:
         codewords = [f"0x{codeword_number(codeword):04X}" for codeword in dictionary.codewords]
         rows = [", ".join(codewords[i : i + 10]) for i in range(0, len(codewords), 10)]
         lines += [
-            f"#define DEFAULT_ID {firmware.marker_id} /* of {dictionary.name} */",
+            f"#define DEFAULT_ID {firmware.marker_id} /* in {dictionary.name} */",
             f"#define ID_COUNT {len(codewords)}",
             f"#define BUILD_KEY 0x{build_key:04X}",
             "#define WORDS \\",

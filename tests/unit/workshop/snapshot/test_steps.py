@@ -227,7 +227,7 @@ def test_all_is_upright_as_in_the_frame(turns: int) -> None:
     expected = np.where(word(7, turns)[..., None], WHITE_CLASS, BLACK_CLASS)
     for column in (2, 3):
         seen = colours(row_of(drawn, 0, column), middles(tile_width(4))).astype(int)
-        np.testing.assert_allclose(seen, expected, atol=2)
+        np.testing.assert_allclose(seen, expected, atol=5)
 
 
 def test_in_antiphase_each_cell_of_a_panel_that_was_read_says_its_class() -> None:
