@@ -294,9 +294,6 @@ class Publisher:
 
 
 def _outbox(settings: SerialSettings, mavlink: Mavlink | None, map_resets: int, ear: Ear | None) -> Outbox:
-    return Outbox(
-        max_age_ms=settings.max_age_ms,
-        status_period_ns=STATUS_PERIOD_NS if mavlink is None else HEARTBEAT_PERIOD_NS,
-        map_resets=map_resets,
-        asks=ear is not None,
-    )
+    period_ns = STATUS_PERIOD_NS if mavlink is None else HEARTBEAT_PERIOD_NS
+    asks = ear is not None
+    return Outbox(max_age_ms=settings.max_age_ms, status_period_ns=period_ns, map_resets=map_resets, asks=asks)
