@@ -142,7 +142,8 @@ typedef struct {
     double lit[8];         /* derived from it: corners of what is lit */
     double hidden[4];      /* cells of each side (left, right, above, below) that something hides */
     double covariance[64]; /* that of `lit` */
-    double jackknife[64];  /* likewise, by how far they move without any one of the cells, where blocks are weighed */
+    double rim_variance[4]; /* cells², of `unknown`'s rims */
+    double jackknife[64];  /* that of `lit`, by how far they move without any one of the cells, where blocks are weighed */
     double explained;      /* share of the light's squares about their mean */
     double variance;       /* mean of the rest */
     bool settled; /* the last step hardly moved anything */

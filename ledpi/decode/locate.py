@@ -250,7 +250,7 @@ class Locator:
             return MISFIT
         if self._dark_sides(fit).any():
             return MISFIT  # a lattice beside, though none of those tried fits better
-        sides_px2 = side_covariance(fit.lattice_px, fit.unknown, fit.hidden, self._cells)
+        sides_px2 = side_covariance(fit.lattice_px, fit.unknown, fit.rim_variance, fit.hidden, self._cells)
         return Quad(
             corners_px=fit.corners_px,
             lattice_px=fit.lattice_px,

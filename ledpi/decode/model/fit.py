@@ -63,7 +63,8 @@ class Fitted:
     corners_px: Floats  # (4, 2) and of what is lit
     hidden: Floats  # (4,) how much something hides along each side, from one corner to the next, in cells
     covariance_px2: Floats  # (8, 8) of the corners: x and y of each
-    jackknife_px2: Floats  # (8, 8) the same, by how far they would move without any one of the cells
+    rim_variance: Floats  # (4,) of the rims along each side, in cells²
+    jackknife_px2: Floats  # (8, 8) that of the corners, by how far they would move without any one of the cells
     blur_px: Floats  # (2,) deviation of the picture's blur along rows and along columns
     settled: bool  # the last step hardly moved anything
     explained: float  # share of the light's squares about their mean
@@ -154,6 +155,7 @@ def _fitted(fit: Any, unknown: Floats, window: Window, spec: PanelSpec) -> Fitte
         corners_px=read_only(lit),
         hidden=read_only(_copied(fit.hidden)[[2, 1, 3, 0]]),
         covariance_px2=read_only(_copied(fit.covariance).reshape(8, 8)),
+        rim_variance=read_only(_copied(fit.rim_variance)[[2, 1, 3, 0]]),
         jackknife_px2=read_only(_copied(fit.jackknife).reshape(8, 8)),
         blur_px=read_only(window.shrink * np.exp(unknown[BLUR] + unknown[SMEAR] * np.array([1.0, -1.0]))),
         settled=fit.settled,
@@ -174,16 +176,18 @@ def pitch_px_of(corners_px: Floats, cells: int) -> tuple[float, float]:
     return float(np.hypot(*(b + c - a - d))) / (2 * cells), float(np.hypot(*(c + d - a - b))) / (2 * cells)
 
 
-def side_covariance(lattice_px: Floats, unknown: Floats, hidden: Floats, cells: int) -> Floats:
-    """(8, 8) px² of what sides may be off beside what the fit says, by its corners (4, 2) and `hidden` (4,).
+def side_covariance(lattice_px: Floats, unknown: Floats, rim_variance: Floats, hidden: Floats, cells: int) -> Floats:
+    """(8, 8) px² of what sides may be off beside what the fit says, by its corners (4, 2), rims and `hidden` (4,).
 
     A panel is built alike on all sides: light ends with the lattice, or half a wall before. Where the fit has it end
-    elsewhere, the fit may be wrong by as much, of each side, at each end, and of all sides together.
+    elsewhere, by more than the noise of a rim, the fit may be wrong by as much, of each side, at each end, and of all
+    sides together.
     """
     rims, is_hidden = unknown[RIMS], hidden > 0.0
     usual = median(rims[~is_hidden].tolist())
     built = min((0.0, 0.5 * float(unknown[GAP])), key=lambda rim: abs(usual - rim))
-    apart = np.where(is_hidden, 0.0, rims - built)
+    beyond = np.sqrt(np.maximum((rims - built) ** 2 - rim_variance, 0.0))
+    apart = np.where(is_hidden, 0.0, np.copysign(beyond, rims - built))
     aslant = np.where(is_hidden, ASLANT, UNEVEN * apart)
     ends = np.zeros((2, 4, 4, 2))  # by a cell inwards at either end of a side: how its corners move
     ends[0, SIDES, SIDES] = (lattice_px[BEFORE] - lattice_px) / cells

@@ -107,3 +107,13 @@ void ledpi_panel_put_covariance(Fitting *fit, const double h[9], Work *work) {
             fit->covariance[8 * i + j] = scale * sum;
         }
 }
+
+void ledpi_panel_put_rim_variance(const Fitting *fit, const Work *work, double variance[4]) {
+    const double scale = ledpi_panel_inflation(fit, work) / fit->inflation;
+    for (int side = 0; side < 4; side++) {
+        double by[COMMON] = {0.0};
+        by[RIM + side] = 1.0, variance[side] = 0.0;
+        ledpi_panel_eliminate_right(fit, work->matrix, by);
+        for (ptrdiff_t k = 0; k < COMMON; k++) variance[side] += scale * by[k] * by[k] / work->matrix[(fit->owns + k) * (fit->size + 2)];
+    }
+}

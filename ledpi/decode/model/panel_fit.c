@@ -147,6 +147,7 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     }
     ledpi_unit_square_homography(fit.corners, h);
     ledpi_panel_put_covariance(&fit, h, work);
+    ledpi_panel_put_rim_variance(&fit, work, asked->rim_variance);
     ledpi_panel_put_lit(&fit, h, asked->hidden);
     asked->explained = fit.explained, asked->variance = fit.variance;
     if (asked->reweightings) ledpi_panel_put_jackknife(&fit, h, work, asked->jackknife);

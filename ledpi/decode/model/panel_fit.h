@@ -139,6 +139,9 @@ void ledpi_panel_eliminate_right(const Fitting *fit, const double *matrix, doubl
 /* The corners' covariance by what is known of all unknowns. */
 void ledpi_panel_put_covariance(Fitting *fit, const double h[9], Work *work);
 
+/* Puts the variance of each rim, in cells². */
+void ledpi_panel_put_rim_variance(const Fitting *fit, const Work *work, double variance[4]);
+
 /* The same by how far corners would move without any one of the cells (panel_jackknife.c). */
 void ledpi_panel_put_jackknife(Fitting *fit, const double h[9], Work *work, double covariance[64]);
 

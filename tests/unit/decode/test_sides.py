@@ -15,13 +15,11 @@ LATTICE = square(100, 100, 4 * CELL_PX)
 NOTHING = np.zeros(4)
 
 
-def deviations(
-    left: float, right: float, above: float, below: float, *, gap: float = 0.1, hidden: Floats = NOTHING
-) -> Floats:
-    """(4, 2) px of the corners, as these rims, in cells, leave them open."""
+def deviations(*rims: float, gap: float = 0.1, hidden: Floats = NOTHING, variance: float = 0.0) -> Floats:
+    """(4, 2) px of the corners, as rims left, right, above and below, in cells, leave them open."""
     unknown = np.zeros(COMMON + 16 * OWN)
-    unknown[GAP], unknown[RIM : RIM + 4] = gap, (left, right, above, below)
-    return np.sqrt(np.diag(side_covariance(LATTICE, unknown, hidden, 4)).reshape(4, 2))
+    unknown[GAP], unknown[RIM : RIM + 4] = gap, rims
+    return np.sqrt(np.diag(side_covariance(LATTICE, unknown, variance * np.ones(4), hidden, 4)).reshape(4, 2))
 
 
 @pytest.mark.parametrize("rim", [0.0, 0.05])
@@ -39,6 +37,13 @@ def test_a_side_that_ends_further_within_may_be_hidden_as_much() -> None:
     assert (px[[1, 2], 0] < 2 * 0.05 * CELL_PX).all()
 
 
+def test_what_noise_moves_of_a_rim_leaves_nothing_open() -> None:
+    """The fit's own covariance has it; what is beyond is open still."""
+    np.testing.assert_array_equal(deviations(0.0, 0.05, 0.0, 0.0, variance=0.05**2), 0.0)
+    left_open = deviations(0.0, 0.05, 0.0, 0.0, variance=0.03**2)
+    np.testing.assert_allclose(left_open, deviations(0.0, 0.04, 0.0, 0.0))
+
+
 def test_so_may_one_that_ends_further_without() -> None:
     """Something bright touches it."""
     np.testing.assert_allclose(deviations(0.0, -0.05, 0.0, 0.0), deviations(0.0, 0.05, 0.0, 0.0))
@@ -49,7 +54,7 @@ def test_all_sides_may_be_off_together() -> None:
     unknown = np.zeros(COMMON + 16 * OWN)
     unknown[GAP], unknown[RIM : RIM + 4] = 0.1, -0.03
     outward = (np.sign(LATTICE - LATTICE.mean(axis=0)) * 0.03 * CELL_PX).ravel()
-    covariance = side_covariance(LATTICE, unknown, NOTHING, 4) + 1e-9 * np.eye(8)
+    covariance = side_covariance(LATTICE, unknown, NOTHING, NOTHING, 4) + 1e-9 * np.eye(8)
     assert outward @ np.linalg.solve(covariance, outward) < 1.0
 
 
