@@ -15,8 +15,8 @@ static const double FURTHEST_PX = 2.0;
 /* Pixels a sample by cubics stands for, along a line: it has 57/70 (the integral of Catmull and Rom's cubic squared) of a pixel's
  * noise, and samples that are closer tell no more than the pixels do. */
 static const double CUBIC = 70.0 / 57.0;
-/* Samples by which it is known what the fit takes of pairs: all of a small panel, and as many of a large one. */
-enum { REFERENCES = 144, MOST_LAGS = 2 * MOST_EACH * MOST_EACH };
+/* Samples by which it is known what the fit takes of pairs: a few for each cell. */
+enum { REFERENCES = 48, MOST_LAGS = 2 * MOST_EACH * MOST_EACH };
 
 /* Pairs of samples that are so many lines apart: the sums of products of their residuals, and of what the fit takes. */
 typedef struct {
@@ -43,42 +43,58 @@ static LEDPI_INLINE bool are_pair(const Weighing *w, const Sums *sums, ptrdiff_t
     return even || (j / each == above / each && i / each == left / each);
 }
 
-/* Puts the slopes (size) of a sample by all unknowns, less what the one value explains that cells share at its place. */
-static LEDPI_SIMD void put_slopes(const Weighing *w, const Sums *sums, ptrdiff_t j, ptrdiff_t i, double *slopes) {
-    const CellOverlap *const overlap = &sums->overlap[j][i];
-    const float *const shared = sums->shared + (j % w->each * w->each + i % w->each) * w->width;
-    const double shown = w->asked->compared ? 0.0 : overlap->shown * sums->norm[j % w->each * w->each + i % w->each];
-    for (ptrdiff_t k = 0; k < COMMON; k++) slopes[k] = sums->columns[j][i][k] - shown * shared[k];
-    for (ptrdiff_t e = 0; e < w->frees; e++) slopes[ledpi_place_of(w, e)] = -shown * shared[DENSE + e];
-    for (int m = 0; m < overlap->count; m++)
-        for (ptrdiff_t k = 0; k < w->free; k++) slopes[ledpi_place_of(w, overlap->cell[m] * w->free + k)] += overlap->by[m][k];
+/* Index of a sample's place within its cell, at which cells share a value. */
+static LEDPI_INLINE ptrdiff_t within_cell(const Weighing *w, ptrdiff_t j, ptrdiff_t i) { return j % w->each * w->each + i % w->each; }
+
+/* What that value takes of a sample; of frames that are compared there is none. */
+static LEDPI_INLINE float shared_share(const Weighing *w, const Sums *sums, ptrdiff_t j, ptrdiff_t i) {
+    return w->asked->compared ? 0.0f : sums->overlap[j][i].shown * sums->norm[within_cell(w, j, i)];
 }
 
-/* Puts N⁻¹a of slopes a, by the matrix that the unknowns are eliminated from, whose right side it takes. */
-static LEDPI_SIMD void put_solved(ptrdiff_t size, double *matrix, double *slopes, double *solved) {
+/* Puts N⁻¹a, in the sums' order, of a sample's slopes a, less what is shared. Takes the right side of the matrix N, from which
+ * the unknowns are eliminated. */
+static LEDPI_SIMD void put_solved(const Weighing *w, Sums *sums, ptrdiff_t j, ptrdiff_t i, float solved[MOST_SUMS]) {
+    const CellOverlap *const overlap = &sums->overlap[j][i];
+    const ptrdiff_t size = COMMON + w->frees;
+    const float shown = shared_share(w, sums, j, i), *const shared = sums->shared + within_cell(w, j, i) * w->width;
+    double slopes[MOST_SUMS] = {0.0}, in_order[MOST_SUMS];
+    for (ptrdiff_t k = 0; k < COMMON; k++) slopes[k] = sums->columns[j][i][k];
+    for (int m = 0; m < overlap->count; m++)
+        for (ptrdiff_t k = 0; k < w->free; k++) slopes[ledpi_place_of(w, overlap->cell[m] * w->free + k)] += overlap->by[m][k];
+    for (ptrdiff_t k = 0; shown != 0.0f && k < COMMON; k++) slopes[k] -= shown * shared[k];
+    for (ptrdiff_t e = 0; shown != 0.0f && e < w->frees; e++) slopes[ledpi_place_of(w, e)] -= shown * shared[DENSE + e];
     for (ptrdiff_t k = 0; k < size; k++) {
-        double *const row = matrix + k * (size + 1);
+        double *const row = sums->matrix + k * (size + 1);
         const double factor = slopes[k] / row[k];
         row[size] = slopes[k];
         for (ptrdiff_t m = k + 1; m < size; m++) slopes[m] -= factor * row[m];
     }
-    ledpi_solve(matrix, size, solved);
+    ledpi_solve(sums->matrix, size, in_order);
+    memset(solved, 0, sizeof *solved * (size_t)w->width);
+    for (ptrdiff_t k = 0; k < COMMON; k++) solved[k] = (float)in_order[k];
+    for (ptrdiff_t e = 0; e < w->frees; e++) solved[DENSE + e] = (float)in_order[ledpi_place_of(w, e)];
+}
+
+/* What the fit takes of a sample and another, whose slopes are `solved`. */
+static LEDPI_SIMD double taken_of(const Weighing *w, const Sums *sums, ptrdiff_t j, ptrdiff_t i, const float solved[MOST_SUMS]) {
+    const CellOverlap *const overlap = &sums->overlap[j][i];
+    const float shown = shared_share(w, sums, j, i);
+    double taken = ledpi_product(solved, sums->columns[j][i], DENSE);
+    for (int m = 0; m < overlap->count; m++)
+        for (ptrdiff_t k = 0; k < w->free; k++) taken += solved[DENSE + overlap->cell[m] * w->free + k] * overlap->by[m][k];
+    return shown == 0.0f ? taken : taken - shown * ledpi_product(solved, sums->shared + within_cell(w, j, i) * w->width, w->width);
 }
 
 static void add_taken(const Weighing *w, Sums *sums, bool even, ptrdiff_t count, Lag *lags) {
-    const ptrdiff_t lines = w->fit.lines, size = COMMON + w->frees, every = (lines * lines - 1) / REFERENCES + 1;
-    double slopes[MOST_SUMS], solved[MOST_SUMS];
+    const ptrdiff_t lines = w->fit.lines, every = (lines * lines - 1) / REFERENCES + 1;
+    float solved[MOST_SUMS];
     for (ptrdiff_t j = 0; j < lines; j++)
         for (ptrdiff_t i = 0; i < lines; i++) {
             if ((i + 5 * j) % every || !sums->overlap[j][i].count) continue;
-            put_slopes(w, sums, j, i, slopes);
-            put_solved(size, sums->matrix, slopes, solved);
-            for (Lag *lag = lags; lag < lags + count; lag++) {
-                if (!are_pair(w, sums, j, i, lag, even)) continue;
-                put_slopes(w, sums, j - lag->below, i - lag->aside, slopes);
-                for (ptrdiff_t k = 0; k < size; k++) lag->taken += solved[k] * slopes[k];
-                lag->references += 1.0;
-            }
+            put_solved(w, sums, j, i, solved);
+            for (Lag *lag = lags; lag < lags + count; lag++)
+                if (are_pair(w, sums, j, i, lag, even))
+                    lag->taken += taken_of(w, sums, j - lag->below, i - lag->aside, solved), lag->references += 1.0;
         }
 }
 
