@@ -32,7 +32,7 @@ _SCRIPTS = (
     *("main.js", "server.js", "drawing.js", "picture.js", "why_not.js", "light.js"),
     *("table.js", "map.js", "health.js", "actions.js", "takes.js", "lens.js", "settings.js"),
 )
-_FILES = {
+FILES = {
     "/": ("index.html", "text/html; charset=utf-8"),
     "/view.css": ("view.css", "text/css; charset=utf-8"),
     **{f"/{name}": (name, "text/javascript; charset=utf-8") for name in _SCRIPTS},
@@ -51,7 +51,7 @@ class ViewServer(GuardedServer):
         self.board: BoardWatch | None = None  # one for all viewers, as there is one camera
         folder = resources.files("ledpi.page") / "static"
         # Read once: no request reaches the file system.
-        self.files = {path: ((folder / name).read_bytes(), kind) for path, (name, kind) in _FILES.items()}
+        self.files = {path: ((folder / name).read_bytes(), kind) for path, (name, kind) in FILES.items()}
         super().__init__(address, Handler)
 
 

@@ -18,7 +18,7 @@ from ledpi.page.encode import amplified, as_jpeg, as_png, focus, histogram
 from ledpi.page.lines import check_line
 from ledpi.page.overlay import drawn, drawn_reasons
 from ledpi.page.panels import PanelTable, panels_from_above, robot_from_above
-from ledpi.page.server import _FILES
+from ledpi.page.server import FILES
 from ledpi.pipeline.diagnosis.diagnose import Diagnosis
 from tests.builders import ROOT
 from tests.builders.made_up_daemon import HELLO, PANEL, decoded
@@ -251,7 +251,7 @@ def test_letters_stand_out_from_their_ground(scheme: str) -> None:
 def test_the_page_needs_nothing_from_elsewhere() -> None:
     """No address of another machine in it, no inline script or style: it works offline, and under its own policy."""
     static = ROOT / "ledpi/page/static"
-    assert {f"/{path.name}" for path in static.iterdir()} == {*_FILES, "/index.html"} - {"/"}
+    assert {f"/{path.name}" for path in static.iterdir()} == {*FILES, "/index.html"} - {"/"}
     for path in static.iterdir():
         text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
         assert "//" not in re.sub(r"^\s*//.*$|\s// .*$", "", text, flags=re.MULTILINE), path
