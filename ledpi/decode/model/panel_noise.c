@@ -46,7 +46,7 @@ static LEDPI_INLINE bool are_pair(const Weighing *w, const Sums *sums, ptrdiff_t
 /* Index of a sample's place within its cell, at which cells share a value. */
 static LEDPI_INLINE ptrdiff_t within_cell(const Weighing *w, ptrdiff_t j, ptrdiff_t i) { return j % w->each * w->each + i % w->each; }
 
-/* What that value takes of a sample; of frames that are compared there is none. */
+/* The share that this value takes of a sample; of frames that are compared there is none. */
 static LEDPI_INLINE float shared_share(const Weighing *w, const Sums *sums, ptrdiff_t j, ptrdiff_t i) {
     return w->asked->compared ? 0.0f : sums->overlap[j][i].shown * sums->norm[within_cell(w, j, i)];
 }
@@ -75,7 +75,7 @@ static LEDPI_SIMD void put_solved(const Weighing *w, Sums *sums, ptrdiff_t j, pt
     for (ptrdiff_t e = 0; e < w->frees; e++) solved[DENSE + e] = (float)in_order[ledpi_place_of(w, e)];
 }
 
-/* What the fit takes of a sample and another, whose slopes are `solved`. */
+/* The share of noise that the fit takes of a sample together with another, whose slopes are `solved`. */
 static LEDPI_SIMD double taken_of(const Weighing *w, const Sums *sums, ptrdiff_t j, ptrdiff_t i, const float solved[MOST_SUMS]) {
     const CellOverlap *const overlap = &sums->overlap[j][i];
     const float shown = shared_share(w, sums, j, i);
