@@ -23,6 +23,7 @@ from ledpi.decode.uemura import (
     add_frame,
     band_widths_rows,
     cell_shares,
+    find_squares,
 )
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import (
@@ -174,6 +175,16 @@ def test_expected_widths_are_the_papers() -> None:
     """w = n/T · 1/(2f), T = n · 33.67 µs: 11.88 rows at 1250 Hz, 6.06 at 2450 Hz."""
     frame = Canvas(exposure_us=SHORT_US).frame()
     assert band_widths_rows(frame, SPEC) == pytest.approx((11.880, 6.061), abs=0.001)
+
+
+@pytest.mark.parametrize("turn_deg", [0, 15, 40])
+def test_e_a_white_square_has_its_four_corners(turn_deg: float) -> None:
+    """To a pixel and a half: an outline is made of whole pixels. From the one nearest the top left, clockwise."""
+    corners = square(300.2, 250.7, 120, turn_deg)
+    canvas = Canvas()
+    canvas.lamp(corners)
+    ((_, found),) = find_squares(canvas.frame().pixels, (11.9, 6.1), 12.0)
+    np.testing.assert_allclose(found, np.roll(corners, -int(np.argmin(corners.sum(axis=1))), axis=0), atol=1.5)
 
 
 def test_f_the_frame_is_one_cell_wide() -> None:
