@@ -170,6 +170,7 @@ def test_plus_minus_and_micro_are_drawn_without_a_stray_tail() -> None:
 def take_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A recording of panel 7, made by the simulator, in a working directory without a configuration."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ledpi.cli.snapshot.RUN_FRAMES", 1)  # fewer than the recording has
     assert ledpi(monkeypatch, "simulate", "take", "--frames", "2", "--distance", "0.8") == 0
     return tmp_path / "take"
 
