@@ -498,7 +498,7 @@ def scene_path(scene: Scene, *, stream: bool) -> Pipeline:
 def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
     """The robot swings past 7 and 23 on its way towards them: nine of ten detections, and each where it is."""
     scene = drive_scene(sensor(), {7: SPEC, 23: SPEC}, "DICT_4X4_50")
-    camera = SimulatedCamera(scene, seed=4, paced=False, frames=100)
+    camera = SimulatedCamera(scene, seed=4, paced=False, frames=60)
     path = scene_path(scene, stream=True)
     expected = seen = 0
     for frame in scene_frames(camera):
@@ -508,7 +508,7 @@ def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
             true = truth[marker.detection.id]
             np.testing.assert_allclose(marker.detection.corners_px, true.corners_px, atol=2.0)
             seen += 1
-    assert expected > 150
+    assert expected > 90
     assert seen > 0.9 * expected
 
 
