@@ -55,10 +55,16 @@ DOCKINGS = {
 class Docked:
     """The end of a drive."""
 
+    path: Floats  # (N, 3) true x, y, yaw, 20 times a second; the last is the end
     error: Floats  # x, y, yaw beside the goal
     seconds: float
     touched: bool  # the wall
     moving_s: float  # when the motors were last told to move
+
+    @property
+    def backed(self) -> bool:
+        """Tells whether it backed up, and came again."""
+        return bool((np.maximum.accumulate(self.path[:, 0]) - self.path[:, 0]).max() > 0.2)
 
 
 def start_of(rng: np.random.Generator) -> Floats:
@@ -146,19 +152,22 @@ def dock(seed: int, asked: Docking, steers: Steers | None = None) -> Docked:
     eyes = Eyes(rng, asked)
     estimator = Estimator(panel_alone(), BASE_FROM_CAMERA, OdometryNoise(base_m=BASE_M))
     motion, docked, moving_s, ends_s = (0.0, 0.0), False, 0.0, min(MOST_S, asked.cut_s + 1)
+    path = [plant.pose]
     steers.begin(GOAL, -GOAL[0])
     line = Line(plant, estimator, steers)
     while plant.t_ns < ends_s * 1e9 and plant.pose[0] < WALL_M and not docked:
         plant.step(*motion)
         now_s = plant.t_ns * 1e-9
         if plant.k % FRAME_STEPS == 0:
+            path.append(plant.pose)
             for look in eyes.see(now_s, plant.pose):
                 line.put(PICTURE_LATE_NS, estimator.add_look, look)
         if plant.k % EACH_STEPS == 0:
             line.tell(is_cut=now_s >= asked.cut_s)
             motion, docked = steers.dock(plant.t_ns // 1000)
             moving_s = now_s if any(motion) else moving_s
-    return Docked(plant.pose - GOAL, plant.t_ns * 1e-9, bool(plant.pose[0] >= WALL_M), moving_s)
+    path.append(plant.pose)
+    return Docked(np.array(path), plant.pose - GOAL, plant.t_ns * 1e-9, bool(plant.pose[0] >= WALL_M), moving_s)
 
 
 def docking_row(asked: Docking, seed: int) -> dict[str, float]:
