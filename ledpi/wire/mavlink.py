@@ -16,6 +16,7 @@ from ledpi.core.errors import ConfigError, WireError
 from ledpi.core.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
 from ledpi.core.records import Floats, PanelMap
 from ledpi.core.wording import install_command
+from ledpi.pose.bodies import FIRST_ID as FIRST_BODY_ID
 from ledpi.wire.mavlink_time import TimeQuestions
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, SyncAnswer
 
@@ -110,7 +111,7 @@ class Mavlink:
         return d.MAVLink_heartbeat_message(d.MAV_TYPE_ONBOARD_CONTROLLER, d.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
 
     def _landing_target(self, marker: MarkerMessage, picture_us: int) -> Any:
-        if marker.pose is None or marker.alternate:
+        if marker.pose is None or marker.alternate or marker.id >= FIRST_BODY_ID:
             return None
         if marker.id > 0xFF:
             raise WireError(f"marker {marker.id}: LANDING_TARGET's target_num holds 0 to 255")
