@@ -236,8 +236,6 @@ def check_odometry(config: Config, where: str) -> None:
         return
     if config.serial.port is None:
         raise ConfigError(f"{where}: odometry.source: serial needs serial.port; without a controller: tap or none")
-    if config.serial.protocol != "ledpi":
-        raise ConfigError(f"{where}: odometry.source: serial needs serial.protocol: ledpi; MAVLink brings none")
 
 
 def check_method(method: Method, panels: PanelSettings, where: str) -> None:
