@@ -21,8 +21,12 @@ from ledpi.cli.panel_design import farthest_first
 from ledpi.config.settings import load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.identify import decision
+from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.workshop.panel.design import (
+    ENOUGH_NATS,
     Task,
     antiphase_proposals,
     auto_rows,
@@ -33,7 +37,7 @@ from ledpi.workshop.panel.design import (
 )
 from ledpi.workshop.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
 from ledpi.workshop.panel.information import View, evidence_of, separation_nats, view_panel
-from ledpi.workshop.panel.reach import Reach, reach_of
+from ledpi.workshop.panel.reach import Reach, chance_of_reading, reach_of
 from ledpi.workshop.panel.verdict import findings
 from tests.builders import ROOT
 from tests.builders.samples import observed
@@ -104,6 +108,14 @@ def nats(view: View, black_hz: float, white_hz: float, *, frames: int, rows: int
     return separation_nats(known, asked.depths(black_hz, white_hz))
 
 
+def even_evidence(each: float, depth: float) -> Evidence:
+    """Every cell's information is `each` on every parameter, and cells share nothing."""
+    information = np.zeros((16, 4, 16, 4))
+    for cell in range(16):
+        information[cell, :, cell, :] = each * np.eye(4)
+    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2))
+
+
 def test_a_null_is_where_the_exposure_holds_whole_cycles() -> None:
     """By hand: 2·min(r, 1 − r) of the deepest bands near by are left, r the fractional part of f·T."""
     assert null_share(1250.0, 9967.0) == pytest.approx(1 - 2 * abs(12.459 - 12.5), abs=1e-3)
@@ -129,6 +141,14 @@ def test_what_is_worth_trying_lies_between_the_nulls_and_can_be_made() -> None:
     assert len(worthwhile_frequencies(100_000.0, 1250.0)) <= 16  # at 0.1 s a null lies every 10 Hz
 
 
+def test_information_of_even_cells_is_its_definition() -> None:
+    """Isotropic information i, depths a and b: D = i·(a² + b²)/2, whatever the phases; in antiphase i·(2a)²/2."""
+    known = even_evidence(1000.0, 0.05)
+    assert separation_nats(known, (0.05, 0.02)) == pytest.approx(0.5 * 1000 * (0.05**2 + 0.02**2))
+    antiphase = Evidence(score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2))
+    assert separation_nats(antiphase, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
+
+
 def test_information_foretells_likelihood_ratios(near: View) -> None:
     """In a rendered panel a cell taken for the other class costs, within a third, what a steady panel foretells."""
     asked = task(1.4)
@@ -147,6 +167,15 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
     square = np.repeat(np.square(asked.depths(1250.0, 2450.0)), 2) / 2
     foretold = 0.5 * float((np.einsum("cii->ci", own) * square).sum(axis=1).mean())  # over phases
     assert np.mean(costs) == pytest.approx(foretold, rel=1 / 3)
+
+
+def test_enough_information_is_enough() -> None:
+    """The decoder's own decision is right in 97 of 100 draws; with a tenth it is not; what is certain is not drawn."""
+    depth, spec = 0.05, task().spec(1250.0, 2450.0)
+    codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
+    for share, least, most in ((3.0, 1.0, 1.0), (1.0, 0.965, 1.0), (0.1, 0.0, 0.1), (0.05, 0.0, 0.0)):
+        known = even_evidence(share * ENOUGH_NATS / depth**2, depth)
+        assert least <= chance_of_reading(known, codebook, (depth, depth), decision.FALSE_ID_RATE, draws=200) <= most
 
 
 def test_frequencies_that_nearly_coincide_or_freeze_tell_less(near: View) -> None:
