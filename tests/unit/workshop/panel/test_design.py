@@ -27,6 +27,7 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.workshop.panel.design import (
     ENOUGH_NATS,
+    Proposal,
     Task,
     antiphase_proposals,
     auto_rows,
@@ -193,6 +194,14 @@ def test_a_proposal_always_moves() -> None:
         proposal = choose_period(asked, *pair, views)
         assert asked.least_advance(*pair, proposal.frame_length_rows) >= 1 / 6
         assert auto_rows(asked, pair) / 1.1 <= proposal.frame_length_rows <= auto_rows(asked, pair)
+
+
+def test_more_than_enough_counts_as_enough() -> None:
+    """Near by every pair is read; what it tells beyond does not outweigh what another tells far away."""
+    near_by = Proposal(black_hz=1, white_hz=2, frame_length_rows=504, alone=(9000.0, 5.0), stream=(9000.0, 10.0))
+    far_away = replace(near_by, alone=(900.0, 6.0), stream=(900.0, 12.0))
+    assert far_away.dominates(near_by)
+    assert not near_by.dominates(far_away)
 
 
 @pytest.mark.parametrize(
