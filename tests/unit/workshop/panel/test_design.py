@@ -21,8 +21,13 @@ from ledpi.cli.panel_design import farthest_first
 from ledpi.config.settings import load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.identify import decision
+from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.workshop.panel.design import (
+    ENOUGH_NATS,
+    Proposal,
     Task,
     antiphase_proposals,
     auto_rows,
@@ -33,7 +38,7 @@ from ledpi.workshop.panel.design import (
 )
 from ledpi.workshop.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
 from ledpi.workshop.panel.information import View, evidence_of, separation_nats, view_panel
-from ledpi.workshop.panel.reach import Reach, reach_of
+from ledpi.workshop.panel.reach import Reach, chance_of_reading, reach_of
 from ledpi.workshop.panel.verdict import findings
 from tests.builders import ROOT
 from tests.builders.samples import observed
@@ -104,6 +109,14 @@ def nats(view: View, black_hz: float, white_hz: float, *, frames: int, rows: int
     return separation_nats(known, asked.depths(black_hz, white_hz))
 
 
+def even_evidence(each: float, depth: float) -> Evidence:
+    """Every cell's information is `each` on every parameter, and cells share nothing."""
+    information = np.zeros((16, 4, 16, 4))
+    for cell in range(16):
+        information[cell, :, cell, :] = each * np.eye(4)
+    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2))
+
+
 def test_a_null_is_where_the_exposure_holds_whole_cycles() -> None:
     """By hand: 2·min(r, 1 − r) of the deepest bands near by are left, r the fractional part of f·T."""
     assert null_share(1250.0, 9967.0) == pytest.approx(1 - 2 * abs(12.459 - 12.5), abs=1e-3)
@@ -129,6 +142,14 @@ def test_what_is_worth_trying_lies_between_the_nulls_and_can_be_made() -> None:
     assert len(worthwhile_frequencies(100_000.0, 1250.0)) <= 16  # at 0.1 s a null lies every 10 Hz
 
 
+def test_information_of_even_cells_is_its_definition() -> None:
+    """Isotropic information i, depths a and b: D = i·(a² + b²)/2, whatever the phases; in antiphase i·(2a)²/2."""
+    known = even_evidence(1000.0, 0.05)
+    assert separation_nats(known, (0.05, 0.02)) == pytest.approx(0.5 * 1000 * (0.05**2 + 0.02**2))
+    antiphase = Evidence(score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2))
+    assert separation_nats(antiphase, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
+
+
 def test_information_foretells_likelihood_ratios(near: View) -> None:
     """In a rendered panel a cell taken for the other class costs, within a third, what a steady panel foretells."""
     asked = task(1.4)
@@ -149,6 +170,15 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
     assert np.mean(costs) == pytest.approx(foretold, rel=1 / 3)
 
 
+def test_enough_information_is_enough() -> None:
+    """The decoder's own decision is right in 97 of 100 draws; with a tenth it is not; what is certain is not drawn."""
+    depth, spec = 0.05, task().spec(1250.0, 2450.0)
+    codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
+    for share, least, most in ((3.0, 1.0, 1.0), (1.0, 0.965, 1.0), (0.1, 0.0, 0.1), (0.05, 0.0, 0.0)):
+        known = even_evidence(share * ENOUGH_NATS / depth**2, depth)
+        assert least <= chance_of_reading(known, codebook, (depth, depth), decision.FALSE_ID_RATE, draws=200) <= most
+
+
 def test_frequencies_that_nearly_coincide_or_freeze_tell_less(near: View) -> None:
     """A hundred hertz apart in one frame; in several, 522 rows in which neither phase moves, beside 504."""
     assert nats(near, 1253.33, 1353.64, frames=1) < 0.5 * nats(near, 1253.33, 2457.76, frames=1)
@@ -164,6 +194,14 @@ def test_a_proposal_always_moves() -> None:
         proposal = choose_period(asked, *pair, views)
         assert asked.least_advance(*pair, proposal.frame_length_rows) >= 1 / 6
         assert auto_rows(asked, pair) / 1.1 <= proposal.frame_length_rows <= auto_rows(asked, pair)
+
+
+def test_more_than_enough_counts_as_enough() -> None:
+    """Near by every pair is read; what it tells beyond does not outweigh what another tells far away."""
+    near_by = Proposal(black_hz=1, white_hz=2, frame_length_rows=504, alone=(9000.0, 5.0), stream=(9000.0, 10.0))
+    far_away = replace(near_by, alone=(900.0, 6.0), stream=(900.0, 12.0))
+    assert far_away.dominates(near_by)
+    assert not near_by.dominates(far_away)
 
 
 @pytest.mark.parametrize(
