@@ -117,9 +117,7 @@ class PanelSpec:
 
     @property
     def waves_hz(self) -> tuple[float, ...]:
-        """The frequency of each wave: black's and white's; of an antiphase panel the one that is black's, and white's
-        turned upside down.
-        """
+        """The frequency of each wave, black's and white's; in antiphase one, which white shows upside down."""
         return (self.black_hz,) if self.phase == "antiphase" else (self.black_hz, self.white_hz)
 
     def blinking(self) -> str:

@@ -43,10 +43,7 @@ def check_with_picture(path: Path) -> None:
 
 
 def check_writable(*files: Path) -> None:
-    """Raises CalibrationError where one of `files` cannot be written.
-
-    For what takes long to measure: that would be lost at its end.
-    """
+    """Raises CalibrationError where one of `files` cannot be written: before the long work, not after it."""
     for file in files:
         _check_is_file(file)
         try:
@@ -161,11 +158,6 @@ def _kept_numbers(path: Path) -> Iterator[int]:
         number = kept.name.rpartition("-")[2]
         if number.isascii() and number.isdigit() and len(number) < 10:
             yield int(number)
-
-
-def check_changeable(*files: Path) -> None:
-    """Raises CalibrationError where `change_config` cannot write one of `files`: before the long work, not after it."""
-    check_writable(*files)
 
 
 def change_config(path: Path, changes: Mapping[Key, Any], check: Callable[[], None] = lambda: None) -> Path | None:

@@ -135,7 +135,8 @@ def collect_views(
     try:
         while (wanted := collection.missing()) is not None:
             text = f"{len(collection.views)} views; {NO_BOARD + other if blind > BLIND_FRAMES else wanted}"
-            said = _say_news(text, said, say)
+            if text != said:
+                say(said := text)
             frame = camera.read(np.empty((collection.height, collection.width), np.uint8))
             if frame is None:
                 break
@@ -163,13 +164,6 @@ def collect_views(
         info = camera.info
         camera.close()
     return collection, info
-
-
-def _say_news(text: str, said: str, say: Callable[[str], None]) -> str:
-    """Says what was not said last; what was said last now."""
-    if text != said:
-        say(text)
-    return text
 
 
 def _seen_instead(frame: Frame, board: Board) -> str:

@@ -13,8 +13,16 @@ from ledpi.workshop.panel.body import Body, back_dxf, front_dxf, walls_dxf, wall
 from ledpi.workshop.panel.circuit import OUTPUTS, Circuit, PinCircuit, ohm_text
 from ledpi.workshop.panel.paper import MARGIN_MM, Page, write_pdf, write_svg
 from ledpi.workshop.panel.schematic import GATE_OHM, PULL_DOWN_OHM, SIZE_MM, draw_pins_schematic, draw_schematic
-from ledpi.workshop.panel.sheet_parts import draw_section, draw_wall, electrics, parts
-from ledpi.workshop.panel.sheet_pins import draw_pins_back, draw_pins_front, pin_electrics, pin_parts
+from ledpi.workshop.panel.sheet_parts import (
+    draw_pins_back,
+    draw_pins_front,
+    draw_section,
+    draw_wall,
+    electrics,
+    parts,
+    pin_electrics,
+    pin_parts,
+)
 from ledpi.workshop.panel.sheet_views import View, draw_back, draw_front, scaled_view, tile_count, true_views
 
 _MAX_PARTS = 30  # that a panel is put together from
