@@ -168,10 +168,8 @@ def _no_board(board: Board, pictures: int, others: Counter[str]) -> str:
 
 
 def _picture_files(folder: Path) -> list[Path]:
-    try:
+    with raising(f"{folder}: cannot be read", CalibrationError, OSError):
         found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
-    except OSError as error:
-        raise CalibrationError(f"{folder}: cannot be read: {error.strerror}") from None
     paths = sorted(path for path in found if not path.name.startswith("."))  # ._NAME.jpg is what a Mac leaves beside
     if not paths:
         raise CalibrationError(f"{folder}: no pictures in it ({', '.join(sorted(SUFFIXES))})")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,7 +75,7 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
     loaded = load_recording_with(settings, recording)
     camera = RecordingCamera(loaded, paced=False)
     views: list[View] = []
-    try:
+    with closing(camera):
         lens = lens_of(camera.info, settings.camera.intrinsics)
         if lens is None:
             raise CalibrationError(f"{recording}: has no lens, and camera.intrinsics is not set: no poses, no map")
@@ -84,8 +85,6 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
                 if isinstance(frame, Frame):
                     views.append(view_of(frame, pipeline.decode(frame).markers))
                 advance(1)
-    finally:
-        camera.close()
     known = len(load_dictionary(pipeline.panels.dictionary).codewords)
     return views, {i: pipeline.panels.spec(i).side_m for i in range(known)}, lens
 

@@ -19,7 +19,7 @@ from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.pictures import Still, check_apart, says_all, still_of, write_drawn
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, check_method, find_config, load_config
-from ledpi.core.errors import ConfigError, RecordingError
+from ledpi.core.errors import ConfigError, RecordingError, raising
 from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
 from ledpi.core.row_clock import row_time_note
 from ledpi.core.wording import one_line
@@ -227,10 +227,8 @@ def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None
     if steps is None:
         return pipeline.decode(frame)
     taken = take(f"{name}, frame {frame.seq}", frame, pipeline, lens)
-    try:
+    with raising(f"--steps {steps}: cannot be made", RecordingError, OSError):
         steps.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(f"--steps {steps}: cannot be made: {error.strerror}") from None
     write_drawn(steps / f"{frame.seq:06}.png", draw_steps(taken), "--steps")
     return taken.decoded
 

@@ -234,18 +234,14 @@ def _add_reach(
 def _make_folder(out: Path) -> None:
     """Before the minutes that a design takes."""
     require_extra(f"--out {out}: the plots", "matplotlib")
-    try:
+    with raising(f"--out {out}: cannot be written", ConfigError, OSError):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
 
 
 def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines: dict[str, str]) -> None:
-    try:
+    with raising(f"--out {out}: cannot be written", ConfigError, OSError):
         for name, text in lines.items():
             (out / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
     from ledpi.workshop.panel.design_plots import contrast_figure, reach_figure, save
 
     save(contrast_figure(task, rows[0][1]), out / "contrast.png")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
@@ -118,8 +119,9 @@ def _of_daemon(config: Path | None, overrides: list[str]) -> tuple[_Source, Conf
 def _from_camera(settings: Config, seq: int | None) -> _Source:
     """The first usable frame from `seq` on, else the first of half a second that shows a panel."""
     name = settings.camera.source
-    camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"), first=seq or 0)
-    try:
+    with closing(
+        open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"), first=seq or 0)
+    ) as camera:
         lens = lens_of(camera.info, settings.camera.intrinsics)
         looking = Looking(camera, settings, lens)
         looking.expose()
@@ -128,8 +130,6 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
             raise CameraError(f"camera.source: {name} ended before frame {seq or 0}")
         title = f"{Path(name).name}, frame {frame.seq}"
         return _Source(title, frame, camera.info, camera.panel, lens, run=tuple(looking.run))
-    finally:
-        camera.close()
 
 
 def _numbered(frames: Iterator[Frame], seq: int) -> Frame | None:

@@ -79,4 +79,4 @@ def raising(
     try:
         yield
     except of as error:
-        raise kind(f"{where}: {error}") from None
+        raise kind(f"{where}: {getattr(error, 'strerror', None) or error}") from None

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 import ledpi
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.core.wording import install_command
 from ledpi.workshop.evaluate.table import PAPER_ANGLES_AT_M, PLAIN, TableRow, write_csv
 
@@ -138,12 +138,10 @@ class ResultsFolder:
     def __init__(self, path: Path, settings: dict[str, Any]) -> None:
         self.path = path
         self.finished: dict[str, dict[str, Any]] = {}  # records by their unit's key
-        try:
+        with raising(f"--out {path}: cannot be used", ConfigError, OSError):
             path.mkdir(parents=True, exist_ok=True)
             self._claim(json.loads(json.dumps(settings)))  # as it comes back from the file
             self._read_units()
-        except OSError as error:
-            raise ConfigError(f"--out {path}: cannot be used: {error.strerror}") from None
 
     def add(self, record: dict[str, Any]) -> None:
         """Keeps a finished unit's record, also when the run ends with the next breath."""

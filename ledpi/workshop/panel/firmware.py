@@ -224,14 +224,12 @@ def write_firmware(firmware: Firmware, out: Path) -> None:
     sources = files("ledpi.workshop.panel") / "sources"
     texts = {name: (sources / name).read_text(encoding="utf-8") for name in (firmware.build.source, "Makefile")}
     texts |= {"settings.h": settings_text(firmware), "README.md": readme_text(firmware)}
-    try:
+    with raising(f"--out {out}: cannot be written", ConfigError, OSError):
         if out.is_dir() and any(out.iterdir()):
             raise ConfigError(f"--out {out}: is not empty; must be a new or an empty folder")
         out.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
 
 
 def missing_tools() -> tuple[str, ...]:
