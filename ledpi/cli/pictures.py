@@ -36,7 +36,7 @@ def still_of(path: Path, config: Config, overrides: Sequence[str]) -> Still:
     with raising(f"{path}: what it says of its camera and panels cannot be used", RecordingError, TapError):
         own = camera_of(told)
         panels = [item for item in overrides if item.startswith(("panels", "decode", "robot"))]
-        settings = settings_of(told, panels).model_copy(update={"map": config.map})
+        settings = settings_of(told, panels).model_copy(update={"map": config.map, "bodies": config.bodies})
     camera = camera_with(config, own)
     return Still(camera, settings, camera.intrinsics)
 

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, StrictBool
 
+from ledpi.config.bodies import Bodies, check_bodies
 from ledpi.config.mistakes import validated
 from ledpi.config.odometry import OdometrySettings, RobotSettings
 from ledpi.config.outputs import OutputName, OutputSettings
@@ -136,6 +137,7 @@ class Config(Section):
     panels: PanelSettings
     decode: DecodeSettings = DecodeSettings()
     map: Path | None = None
+    bodies: Annotated[Bodies, Field(default_factory=dict)]
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
     odometry: OdometrySettings = OdometrySettings()
@@ -222,7 +224,7 @@ def build_config(raw: dict[str, Any], where: str, more: str = "more") -> Config:
 def checks_together(config: Config, where: str) -> list[Callable[[], None]]:
     """Those of values that are right one by one; each raises ConfigError where they contradict each other."""
     panels, row_time_us = config.panels, config.camera.row_time_us
-    checks = [partial(check_panels, panels, where)]
+    checks = [partial(check_panels, panels, where), partial(check_bodies, config.bodies, panels, where)]
     if row_time_us != "auto":
         checks.append(partial(check_bands_visible, panels, row_time_us, where))
     method = partial(check_method, config.decode.method, panels, f"{where}: decode.method")
@@ -241,8 +243,6 @@ def _check_odometry(config: Config, where: str) -> None:
         return
     if config.serial.port is None:
         raise ConfigError(f"{where}: odometry.source: serial needs serial.port; without a controller: tap or none")
-    if config.serial.protocol != "ledpi":
-        raise ConfigError(f"{where}: odometry.source: serial needs serial.protocol: ledpi; MAVLink brings none")
 
 
 def check_method(method: Method, panels: PanelSettings, where: str) -> None:
