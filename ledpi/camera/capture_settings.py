@@ -14,7 +14,7 @@ from typing import Any
 
 from ledpi.camera.timing import choose_frame_length_rows, exposure_honoured
 from ledpi.config.settings import CameraSettings
-from ledpi.core.errors import CameraError, RowTimeUnknownError
+from ledpi.core.errors import CameraError, RowTimeUnknownError, raising
 
 MODE = (640, 480)  # both sensors have it; no other is used, as a scaled picture has another row time
 BIT_DEPTH = 10
@@ -86,12 +86,10 @@ def frame_rows(
     exposure_rows = int(settings.exposure_us / row_time_us)
     shortest = max(round(shortest_frame_us / row_time_us), exposure_rows + margin)
     if settings.frame_duration_us == "auto":
-        try:
+        with raising("camera.frame_duration_us", CameraError):
             return choose_frame_length_rows(
                 shortest_rows=shortest, row_time_us=row_time_us, frequencies_hz=frequencies_hz
             )
-        except ValueError as error:
-            raise CameraError(f"camera.frame_duration_us: {error}") from None
     rows = round(settings.frame_duration_us / row_time_us)
     if rows < shortest:
         raise CameraError(

@@ -29,7 +29,7 @@ from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_
 from ledpi.camera.timing import frame_duration_us
 from ledpi.camera.tuning import linear_tuning, white_gains
 from ledpi.config.settings import CameraSettings
-from ledpi.core.errors import CameraError, CameraLostError, LedpiError
+from ledpi.core.errors import CameraError, CameraLostError, LedpiError, raising
 from ledpi.core.holder import who_holds
 from ledpi.core.records import CameraInfo
 
@@ -58,18 +58,14 @@ def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float], num
 
 
 def _open(
-    libcamera: ModuleType,
-    picamera2: ModuleType,
-    settings: CameraSettings,
-    frequencies_hz: Sequence[float],
-    number: int,
+    libcamera: ModuleType, picamera2: ModuleType, settings: CameraSettings, frequencies_hz: Sequence[float], number: int
 ) -> PicameraCamera:
     model = model_of(libcamera, number)
-    try:
+    with raising(
+        f"picamera2: libcamera's tuning file {model}.json cannot be used", CameraError, (RuntimeError, ValueError)
+    ):
         tuning = picamera2.Picamera2.load_tuning_file(f"{model}.json")
         linear, colour_gains = linear_tuning(tuning), white_gains(tuning)
-    except (RuntimeError, ValueError) as error:
-        raise CameraError(f"picamera2: libcamera's tuning file {model}.json cannot be used: {error}") from None
     try:
         picam2 = picamera2.Picamera2(number, tuning=linear)
     except FAILURES as error:

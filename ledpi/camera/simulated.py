@@ -18,7 +18,7 @@ from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import CameraSettings, Config
 from ledpi.config.values import check_lens
-from ledpi.core.errors import CameraError, ConfigError
+from ledpi.core.errors import CameraError, ConfigError, raising
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelSpec, PanelValues, Pixels
 
 _SPARE_ROWS = 4  # that the OV5647's driver keeps between the exposure and the frame's length
@@ -173,7 +173,7 @@ def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> Simulated
     else:
         rows = max(shortest, round(camera.frame_duration_us / row_time_us))
     size = (camera.width, camera.height)
-    try:
+    with raising("camera", ConfigError):
         return SimulatedSensor(
             intrinsics=_own_lens(size) if camera.intrinsics is None else load_intrinsics(camera.intrinsics, size),
             exposure_us=exposure_us,
@@ -182,8 +182,6 @@ def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> Simulated
             transfer="srgb" if camera.transfer == "auto" else camera.transfer,
             gain=1.0 if camera.analogue_gain == "auto" else camera.analogue_gain,
         )
-    except ValueError as error:
-        raise ConfigError(f"camera: {error}") from None
 
 
 def _own_lens(size: tuple[int, int]) -> Intrinsics:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from ledpi.config.settings import CameraSettings
-from ledpi.core.errors import CameraError, CameraLostError, RowTimeUnknownError
+from ledpi.core.errors import CameraError, CameraLostError, RowTimeUnknownError, raising
 from ledpi.core.holder import who_holds
 from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 
@@ -56,11 +56,9 @@ class V4l2Camera:
         with self._in_use:
             if self._closed.is_set():
                 return None
-            try:
+            with raising(f"{self._device}", CameraLostError, cv2.error):
                 done, self._picture = self._capture.read(self._picture)
                 stamp_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-            except cv2.error as error:
-                raise CameraLostError(f"{self._device}: {error}") from None
         if self._closed.is_set():
             return None
         if not done:

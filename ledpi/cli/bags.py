@@ -46,7 +46,7 @@ def export(
         from ledpi.links.bags.wpilog import export_wpilog as exported
     else:
         with needs_bags():
-            from ledpi.links.bags.export import export_bag as exported
+            from ledpi.links.bags.convert import export_bag as exported
     settings = load_config(find_config(config), tuple(set_), without_file=("panels.side_m=1",))
     replay = Replay(settings, take)
     total = len(replay.recording.frames)
@@ -73,7 +73,7 @@ def import_(
     Example: ledpi import kitchen.mcap takes/kitchen
     """
     with needs_bags():
-        from ledpi.links.bags.importing import import_bag, import_video
+        from ledpi.links.bags.convert import import_bag, import_video
 
     def warn(said: str) -> None:
         typer.echo(said, err=True)

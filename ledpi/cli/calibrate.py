@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import typer
 
-from ledpi.camera.recording.picture import MAX_BYTES
-from ledpi.camera.recording.still import decode_grey
+from ledpi.camera.recording.picture import MAX_BYTES, decode_grey
 from ledpi.cli import CONFIG, app
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import CalibrationError
@@ -17,7 +18,7 @@ from ledpi.core.records import Pixels
 from ledpi.core.wording import StrEnum
 from ledpi.workshop.calibrate.board_sheet import sheet_pdf
 from ledpi.workshop.calibrate.boards import Board, Kind
-from ledpi.workshop.calibrate.files import change_config, write_keeping_old
+from ledpi.workshop.calibrate.files import Key, change_config, write_keeping_old
 from ledpi.workshop.calibrate.status import next_command, parts
 
 calibrate = typer.Typer(rich_markup_mode=None)
@@ -57,8 +58,12 @@ def name_in_config(file: Path, key: tuple[str, ...], written: Path) -> str:
     """Puts the name of a file that was written into the configuration; what to say of that."""
     beside = written.resolve().parent == file.resolve().parent  # paths in the file are relative to it
     place = written.name if beside else str(written.resolve())
-    kept = change_config(file, {key: place})
-    return f"{file}: {'.'.join(key)}: {place} written; the older one is kept as {kept}"
+    return change(file, {key: place}, f"{'.'.join(key)}: {place}")
+
+
+def change(file: Path, changes: Mapping[Key, Any], what: str) -> str:
+    """Changes keys of a file; what to say of that."""
+    return f"{file}: {what} written; the older one is kept as {change_config(file, changes)}"
 
 
 def older(kept: Path | None) -> str:

@@ -15,7 +15,7 @@ import typer
 from ledpi.camera.base import Camera
 from ledpi.camera.factory import open_camera
 from ledpi.camera.recording.format import HEADER_FILE
-from ledpi.camera.recording.still import SUFFIXES
+from ledpi.camera.recording.picture import SUFFIXES
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import (
     DEFAULT_COLS,
@@ -29,13 +29,13 @@ from ledpi.cli.calibrate import (
 )
 from ledpi.config.camera_yaml import camera_yaml_text, own_section
 from ledpi.config.settings import Config
-from ledpi.core.errors import CalibrationError
+from ledpi.core.errors import CalibrationError, raising
 from ledpi.core.wording import counted
 from ledpi.workshop.calibrate.boards import Board, BoardFinder, BoardView, Kind, other_board
 from ledpi.workshop.calibrate.camera import CameraCalibration, calibrate_camera, parameters
 from ledpi.workshop.calibrate.camera import quality as quality_of
 from ledpi.workshop.calibrate.collecting import corner_counts, draw_coverage, places_without_corners
-from ledpi.workshop.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
+from ledpi.workshop.calibrate.files import check_with_picture, check_writable, picture_beside, write_keeping_old
 from ledpi.workshop.calibrate.taking import collect_views
 
 
@@ -84,12 +84,10 @@ def camera(
     if pictures is None and _is_replay(settings):
         file = None  # a simulated lens, or one of any camera: not this robot's
     if file is not None and settings.camera.intrinsics is None:
-        check_changeable(file)
+        check_writable(file)
     found = _live_views(settings, board) if pictures is None else _views_in(pictures, board)
-    try:
+    with raising(f"{folder or 'live'}", CalibrationError, CalibrationError):
         result = calibrate_camera(found.views, found.board, *found.size, None if model is None else model.value)
-    except CalibrationError as error:
-        raise CalibrationError(f"{folder or 'live'}: {error}") from None
     written = _write(out, result)
     typer.echo(f"{found.pictures} pictures, {len(found.views)} with the board")
     _report(result)
@@ -170,10 +168,8 @@ def _no_board(board: Board, pictures: int, others: Counter[str]) -> str:
 
 
 def _picture_files(folder: Path) -> list[Path]:
-    try:
+    with raising(f"{folder}: cannot be read", CalibrationError, OSError):
         found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
-    except OSError as error:
-        raise CalibrationError(f"{folder}: cannot be read: {error.strerror}") from None
     paths = sorted(path for path in found if not path.name.startswith("."))  # ._NAME.jpg is what a Mac leaves beside
     if not paths:
         raise CalibrationError(f"{folder}: no pictures in it ({', '.join(sorted(SUFFIXES))})")
@@ -199,10 +195,7 @@ def _report(result: CameraCalibration) -> None:
 
 def _write(out: Path, result: CameraCalibration) -> list[str]:
     """Writes camera.yaml and its picture; returns what to say of that."""
-    quality: dict[str, Any] = {
-        "calibrated": date.today(),
-        **quality_of(result),
-    }
+    quality: dict[str, Any] = {"calibrated": date.today(), **quality_of(result)}
     before = own_section(out)
     if "shutter" in before:  # what `ledpi calibrate shutter` measured does not change with the lens
         quality["shutter"] = before["shutter"]

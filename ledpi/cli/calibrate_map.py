@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,12 +18,12 @@ from ledpi.config.camera_yaml import lens_of
 from ledpi.config.map_yaml import map_text
 from ledpi.config.settings import Config
 from ledpi.core.dictionaries import load_dictionary
-from ledpi.core.errors import CalibrationError
+from ledpi.core.errors import CalibrationError, raising
 from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
 from ledpi.core.records import Frame, Intrinsics
 from ledpi.core.wording import install_command
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.workshop.calibrate.files import check_changeable, check_with_picture, picture_beside, write_keeping_old
+from ledpi.workshop.calibrate.files import check_with_picture, check_writable, picture_beside, write_keeping_old
 from ledpi.workshop.calibrate.map_views import View, view_of
 
 if TYPE_CHECKING:
@@ -58,14 +59,12 @@ def map_(
     check_with_picture(out)
     settings, file = settings_for(config, set_, recording)
     if file is not None and settings.map is None:
-        check_changeable(file)
+        check_writable(file)
     views, sides_m, lens = _drive(recording, settings)
     map_from_origin = transform(matrix_from_rpy_deg(0, 0, yaw_deg) @ FACING_FROM_MARKER, np.array(position))
-    try:
+    with raising(recording, CalibrationError, CalibrationError):
         upright = settings.panels.upright
         result = calibrate_map(views, map_from_origin, sides_m, lens, origin, upright=upright)
-    except CalibrationError as error:
-        raise CalibrationError(f"{recording}: {error}") from None
     _report(result, len(views))
     _write(result, map_picture(result), out, recording)
     typer.echo(_named(settings, file, out))
@@ -76,7 +75,7 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
     loaded = load_recording_with(settings, recording)
     camera = RecordingCamera(loaded, paced=False)
     views: list[View] = []
-    try:
+    with closing(camera):
         lens = lens_of(camera.info, settings.camera.intrinsics)
         if lens is None:
             raise CalibrationError(f"{recording}: has no lens, and camera.intrinsics is not set: no poses, no map")
@@ -86,8 +85,6 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
                 if isinstance(frame, Frame):
                     views.append(view_of(frame, pipeline.decode(frame).markers))
                 advance(1)
-    finally:
-        camera.close()
     known = len(load_dictionary(pipeline.panels.dictionary).codewords)
     return views, {i: pipeline.panels.spec(i).side_m for i in range(known)}, lens
 

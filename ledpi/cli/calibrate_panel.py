@@ -8,9 +8,9 @@ from typing import Any
 
 import typer
 
-from ledpi.camera.recording.still import SUFFIXES, still_camera
+from ledpi.camera.recording.picture import SUFFIXES, still_camera
 from ledpi.cli import CONFIG, SET, progress
-from ledpi.cli.calibrate import calibrate, read_grey, settings_for
+from ledpi.cli.calibrate import calibrate, change, read_grey, settings_for
 from ledpi.config.panels import PanelOverride, PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.dictionaries import load_dictionary
@@ -19,7 +19,7 @@ from ledpi.core.records import Floats, Frame, PanelSpec
 from ledpi.core.shutter import contrast
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.workshop.calibrate.bands import ClassBands, PanelLight
-from ledpi.workshop.calibrate.files import Key, change_config, check_changeable
+from ledpi.workshop.calibrate.files import Key, check_writable
 from ledpi.workshop.calibrate.lamp import lamp_frequency, lamp_rows
 from ledpi.workshop.calibrate.panel import MAX_LIGHT_SHARE, PanelCalibration, advice, frequency_sigma_hz, measure_panel
 from ledpi.workshop.calibrate.still_panels import measure_still, reads, steady_seconds
@@ -55,7 +55,7 @@ def panel(
         raise CalibrationError("one recording at a time, or only pictures")
     settings, file = settings_for(config, set_, paths[0] if paths else None)
     if file is not None and not dry_run:
-        check_changeable(file)
+        check_writable(file)
     with progress("taking frames", frames) as advance:
         taken = take_frames(settings, frames, advance)
     measured = _measure(taken, settings.panels)
@@ -173,5 +173,4 @@ def _write(measured: dict[int, PanelCalibration], panels: PanelSettings, file: P
         for key, value in changes.items():
             typer.echo(f"  {'.'.join(map(str, key))}: {value}")
     else:
-        kept = change_config(file, changes)
-        typer.echo(f"{file}: panels.overrides written; the older one is kept as {kept}")
+        typer.echo(change(file, changes, "panels.overrides"))

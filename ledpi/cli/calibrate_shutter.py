@@ -11,7 +11,7 @@ from typing import Any
 import typer
 
 from ledpi.cli import CONFIG, SET, progress
-from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.cli.calibrate import calibrate, change, settings_for
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.dictionaries import load_dictionary
@@ -19,7 +19,7 @@ from ledpi.core.errors import CalibrationError, RowTimeUnknownError
 from ledpi.core.records import Floats, PanelSpec
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.workshop.calibrate.bands import PanelLight
-from ledpi.workshop.calibrate.files import Key, change_config, check_changeable
+from ledpi.workshop.calibrate.files import Key, check_writable
 from ledpi.workshop.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
 from ledpi.workshop.calibrate.still_panels import measure_still, reads
 from ledpi.workshop.calibrate.taking import Taken, take_frames
@@ -45,7 +45,7 @@ def shutter(
     """
     settings, file = settings_for(config, set_, recording)
     if not dry_run:
-        check_changeable(*(path for path in (file, settings.camera.intrinsics) if path is not None))
+        check_writable(*(path for path in (file, settings.camera.intrinsics) if path is not None))
     with progress("taking frames", frames) as advance:
         taken, is_told = _take(settings, frames, advance)
     reported = Reported(
@@ -125,8 +125,7 @@ def _write(result: ShutterCalibration, reported: Reported, file: Path | None) ->
     elif file is None:
         typer.echo(f"nothing written; for config.yaml: camera.row_time_us: {row_time_us}")
     else:
-        kept = change_config(file, {("camera", "row_time_us"): row_time_us})
-        typer.echo(f"{file}: camera.row_time_us: {row_time_us} written; the older one is kept as {kept}")
+        typer.echo(change(file, {("camera", "row_time_us"): row_time_us}, f"camera.row_time_us: {row_time_us}"))
 
 
 def _note(camera_yaml: Path, result: ShutterCalibration) -> None:
@@ -135,5 +134,5 @@ def _note(camera_yaml: Path, result: ShutterCalibration) -> None:
     if result.exposure_us is not None:
         values |= {"exposure_us": result.exposure_us.value, "exposure_sigma_us": result.exposure_us.sigma}
     notes: dict[Key, Any] = {("ledpi", "shutter", key): round(value, 3) for key, value in values.items()}
-    kept = change_config(camera_yaml, notes | {("ledpi", "shutter", "measured"): date.today()})
-    typer.echo(f"{camera_yaml}: ledpi.shutter written; the older one is kept as {kept}")
+    notes[("ledpi", "shutter", "measured")] = date.today()
+    typer.echo(change(camera_yaml, notes, "ledpi.shutter"))

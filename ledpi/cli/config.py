@@ -90,10 +90,7 @@ def show(
 
 
 @config_app.command()
-def check(
-    config: Path | None = CONFIG,
-    set_: list[str] = SET,
-) -> None:
+def check(config: Path | None = CONFIG, set_: list[str] = SET) -> None:
     """List all mistakes of a configuration at once.
 
     Wrong keys and values, and mistakes in the files that it names: lens, map, those of outputs. Exit status 2 if there

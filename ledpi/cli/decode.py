@@ -1,9 +1,10 @@
-"""`ledpi decode`: recordings or pictures → one JSON object a frame."""
+"""`ledpi decode`: recordings or pictures → one JSON object a frame; all are checked before one is printed."""
 
 from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,13 @@ import numpy as np
 import typer
 
 from ledpi.camera.recording.overrides import load_recording_with
-from ledpi.camera.recording.picture import read_picture
-from ledpi.camera.recording.reader import Recording
-from ledpi.camera.recording.still import read_still
+from ledpi.camera.recording.picture import SUFFIXES, read_picture, read_still
+from ledpi.camera.recording.reader import Recording, find_recordings
 from ledpi.cli import CONFIG, METHOD, SET, app, progress
-from ledpi.cli.decode_inputs import check_inputs, check_names_differ, distinct, sort_out, steps_folders
-from ledpi.cli.pictures import Still, says_all, still_of, write_drawn
+from ledpi.cli.pictures import Still, check_apart, says_all, still_of, write_drawn
 from ledpi.config.camera_yaml import lens_of
-from ledpi.config.settings import Config, find_config, load_config
-from ledpi.core.errors import ConfigError, RecordingError
+from ledpi.config.settings import Config, check_method, find_config, load_config
+from ledpi.core.errors import ConfigError, RecordingError, raising
 from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
 from ledpi.core.row_clock import row_time_note
 from ledpi.core.wording import one_line
@@ -30,8 +29,67 @@ from ledpi.pipeline.pipeline import Pipeline, load_robot, pipeline_of
 from ledpi.state.estimator import State
 from ledpi.wire.diary import Replay, read_diary
 from ledpi.wire.keeper import Keeper
-from ledpi.workshop.snapshot.record import take
+from ledpi.workshop.snapshot.sources import take
 from ledpi.workshop.snapshot.steps import draw_steps
+
+
+def sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:
+    """(name, folder) of every recording, and the picture files, in the order given."""
+    recordings: list[tuple[str, Path]] = []
+    pictures: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            found = find_recordings(path)
+            if not found:
+                raise RecordingError(
+                    f"{path}: holds no recording (no recording.yaml in it or below); pictures are given one by one, as "
+                    "in DIR/*.png"
+                )
+            recordings += [(str(f.relative_to(path)) if f != path else path.resolve().name, f) for f in found]
+        elif path.suffix.lower() in SUFFIXES and path.is_file():
+            pictures.append(path)
+        elif path.is_file():
+            raise RecordingError(f"{path}: is no picture ({', '.join(sorted(SUFFIXES))}) and no folder")
+        elif path.exists():
+            raise RecordingError(f"{path}: is a pipe, a device or the like; must be a picture or a folder")
+        else:
+            raise RecordingError(f"{path}: no such file or folder")
+    return recordings, pictures
+
+
+def distinct(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
+    """Recordings that share a name are called by their paths instead, as these were given."""
+    sharing = Counter(name for name, _ in set(recordings))
+    return [(name if sharing[name] == 1 else str(folder), folder) for name, folder in recordings]
+
+
+def check_inputs(loaded: list[tuple[str, Recording]], settings: Config, *, as_live: bool) -> None:
+    """Raises LedpiError where what was asked for cannot be had of all recordings."""
+    for _, recording in loaded:
+        shown = settings.panels.override_with(recording.panel_values)
+        check_method(settings.decode.method, shown, f"{recording.folder}: decode.method")
+        if as_live and all(entry.decoded is None for entry in recording.frames):
+            raise RecordingError(f"{recording.folder}: --as-live: does not say which frames were decoded live")
+        lens_of(recording.camera, settings.camera.intrinsics)
+
+
+def check_names_differ(names: list[str]) -> None:
+    """Each recording's steps are drawn into a folder of its name."""
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise RecordingError(f"--steps: two recordings are called {twice}, and would be drawn over each other")
+
+
+def steps_folders(steps: Path | None, loaded: list[tuple[str, Recording]], pictures: list[Path]) -> list[Path | None]:
+    """Returns where each recording's steps are drawn: not over its own pictures, nor over another one's."""
+    if steps is None:
+        return [None] * len(loaded)
+    folders = [steps / name if len(loaded) + bool(pictures) > 1 else steps for name, _ in loaded]
+    kept = [*pictures, *(entry.picture for _, recording in loaded for entry in recording.frames)]
+    for folder in (steps, *folders):
+        check_apart(folder, kept, "--steps")
+    return [*folders]
+
 
 OLD_STATE_FILE = "state.bin"  # of older recordings: what the decoder remembered
 
@@ -170,23 +228,15 @@ def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None
     if steps is None:
         return pipeline.decode(frame)
     taken = take(f"{name}, frame {frame.seq}", frame, pipeline, lens)
-    try:
+    with raising(f"--steps {steps}: cannot be made", RecordingError, OSError):
         steps.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(f"--steps {steps}: cannot be made: {error.strerror}") from None
     write_drawn(steps / f"{frame.seq:06}.png", draw_steps(taken), "--steps")
     return taken.decoded
 
 
 def _nothing(seq: int, row0_readout_ns: int, why: Rejected) -> Decoded:
     return Decoded(
-        seq=seq,
-        row0_readout_ns=row0_readout_ns,
-        host_offset_ns=0,
-        markers=(),
-        robot=None,
-        rejected=(why,),
-        stage_ms={},
+        seq=seq, row0_readout_ns=row0_readout_ns, host_offset_ns=0, markers=(), robot=None, rejected=(why,), stage_ms={}
     )
 
 

@@ -15,7 +15,7 @@ from ledpi.cli import CONFIG, SET, app, progress
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.dictionaries import load_dictionary
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.core.wording import StrEnum, install_command
 from ledpi.workshop.panel.body import Body
 from ledpi.workshop.panel.circuit import Circuit, Lamps, PinCircuit, plan_circuit, plan_pins
@@ -113,25 +113,18 @@ def _settings(file: Path | None, overrides: list[str]) -> Config:
 
 
 def _plan(
-    settings: Config,
-    marker_id: int,
-    black: float | None,
-    white: float | None,
-    phase: PhaseName | None,
-    build: Build,
+    settings: Config, marker_id: int, black: float | None, white: float | None, phase: PhaseName | None, build: Build
 ) -> Firmware:
     spec, camera = settings.panels.spec(marker_id), settings.camera
     if (phase or spec.phase) == PhaseName.ANTIPHASE:  # one frequency is enough
         black, white = (white if black is None else black), (black if white is None else white)
-    try:
+    with raising("--black, --white, --phase", ConfigError):
         spec = replace(
             spec,
             black_hz=spec.black_hz if black is None else black,
             white_hz=spec.white_hz if white is None else white,
             phase=spec.phase if phase is None else phase.value,
         )
-    except ValueError as error:
-        raise ConfigError(f"--black, --white, --phase: {error}") from None
     override = settings.panels.overrides.get(marker_id)
     duty_key = f"panels.overrides.{marker_id}.duty" if override and override.duty is not None else "panels.duty"
     row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
@@ -210,11 +203,9 @@ def _planned(panels: PanelSettings, marker_id: int, lamps: Lamps | PinCircuit) -
     from ledpi.workshop.panel.sheet import Sheet
 
     dictionary, spec = load_dictionary(panels.dictionary), panels.spec(marker_id)
-    try:
+    with raising(f"ID {marker_id}", ConfigError):
         dictionary.check_readable(marker_id, spec.phase)
         codeword = dictionary.codeword(marker_id)
-    except ValueError as error:
-        raise ConfigError(f"ID {marker_id}: {error}") from None
     circuit: Circuit | PinCircuit
     if isinstance(lamps, PinCircuit):
         if codeword.size != SINGLE_CELLS:

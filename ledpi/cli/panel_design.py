@@ -16,7 +16,7 @@ from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import CameraSettings, Config, find_config, load_config
 from ledpi.core.codewords import Dictionary
 from ledpi.core.dictionaries import load_dictionary
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.workshop.panel.design import (
     Proposal,
     Task,
@@ -131,7 +131,7 @@ def _sensor(camera: CameraSettings) -> SimulatedSensor:
             )
         rows = max(rows, given)
     lens = camera.intrinsics
-    try:
+    with raising("camera", ConfigError):
         return SimulatedSensor(
             intrinsics=ov5647_lens(camera.width, camera.height) if lens is None else load_intrinsics(lens),
             exposure_us=exposure_us,
@@ -140,8 +140,6 @@ def _sensor(camera: CameraSettings) -> SimulatedSensor:
             transfer="srgb" if camera.transfer == "auto" else camera.transfer,
             gain=1.0 if camera.analogue_gain == "auto" else camera.analogue_gain,
         )
-    except ValueError as error:
-        raise ConfigError(f"camera: {error}") from None
 
 
 def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
@@ -236,20 +234,16 @@ def _add_reach(
 def _make_folder(out: Path) -> None:
     """Before the minutes that a design takes."""
     require_extra(f"--out {out}: the plots", "matplotlib")
-    try:
+    with raising(f"--out {out}: cannot be written", ConfigError, OSError):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
 
 
 def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines: dict[str, str]) -> None:
-    try:
+    with raising(f"--out {out}: cannot be written", ConfigError, OSError):
         for name, text in lines.items():
             (out / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
-    from ledpi.workshop.panel.design_plots import draw_contrast, draw_reach
+    from ledpi.workshop.panel.design_plots import contrast_figure, reach_figure, save
 
-    draw_contrast(task, rows[0][1], out / "contrast.png")
-    draw_reach(rows, out / "reach.png")
+    save(contrast_figure(task, rows[0][1]), out / "contrast.png")
+    save(reach_figure(rows), out / "reach.png")
     typer.echo(f"{out}: {', '.join(lines)}, contrast.png, reach.png")

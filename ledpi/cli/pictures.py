@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import cv2
 
 from ledpi.camera.recording.overrides import camera_with
-from ledpi.camera.recording.picture import MAX_BYTES, text_of
-from ledpi.camera.recording.still import still_camera
+from ledpi.camera.recording.picture import MAX_BYTES, still_camera, text_of
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
-from ledpi.core.errors import ConfigError, RecordingError, TapError
+from ledpi.core.errors import ConfigError, RecordingError, TapError, raising
 from ledpi.core.files import not_written, put_in_place, read_bytes, write_beside
 from ledpi.core.records import CameraInfo, Intrinsics, Pixels
 from ledpi.daemon.tap.frames import camera_of, settings_of
@@ -34,12 +33,10 @@ def still_of(path: Path, config: Config, overrides: Sequence[str]) -> Still:
     if told is None:
         camera = still_camera(config.camera)
         return Still(camera, config, lens_of(camera, config.camera.intrinsics))
-    try:
+    with raising(f"{path}: what it says of its camera and panels cannot be used", RecordingError, TapError):
         own = camera_of(told)
         panels = [item for item in overrides if item.startswith(("panels", "decode", "robot"))]
         settings = settings_of(told, panels).model_copy(update={"map": config.map, "bodies": config.bodies})
-    except TapError as error:
-        raise RecordingError(f"{path}: what it says of its camera and panels cannot be used: {error}") from None
     camera = camera_with(config, own)
     return Still(camera, settings, camera.intrinsics)
 
@@ -64,9 +61,7 @@ def check_apart(folder: Path, pictures: Iterable[Path], option: str) -> None:
 
 
 def write_drawn(path: Path, drawn: Pixels, option: str) -> None:
-    """Encodes as the file's suffix says. Raises RecordingError, which names the `option` that gave the path; an older
-    picture is then untouched.
-    """
+    """Encodes as the suffix says, whole or not at all. Raises RecordingError, which names the `option` of the path."""
     data = cv2.imencode(path.suffix.lower(), drawn)[1]
     fresh = None
     try:

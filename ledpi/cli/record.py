@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -46,8 +47,7 @@ def record(
     """
     file = find_config(config)
     settings = load_config(file, tuple(set_))
-    camera = open_camera(settings, recover=True)
-    try:
+    with closing(open_camera(settings, recover=True)) as camera:
         recorder = _recorder(out, settings, camera)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: recorder.stop())
@@ -56,8 +56,6 @@ def record(
         finally:
             if recorder.done != Recorded():  # else the folder was refused, and nothing was begun
                 typer.echo(f"{out}: {summary(recorder.done)}")
-    finally:
-        camera.close()
 
 
 def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:

@@ -17,7 +17,7 @@ from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.dictionaries import load_dictionary
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.core.records import PanelSpec
 from ledpi.core.wording import StrEnum, counted
 from ledpi.workshop.calibrate.boards import Board, Kind
@@ -73,10 +73,7 @@ def simulate(
             raise ConfigError(f"--scene {scene}: --id, --distance and --angle are of still panels")
         built = _drive(settings) if scene is SceneName.DRIVE else _board(settings)
     else:
-        place = (
-            _STILL_DISTANCE_M if distance is None else distance,
-            _STILL_ANGLE_DEG if angle is None else angle,
-        )
+        place = (_STILL_DISTANCE_M if distance is None else distance, _STILL_ANGLE_DEG if angle is None else angle)
         built = _still(settings, id_ or _STILL_IDS, *place)
     _record(out, built, settings.panels, frames=frames, seed=seed)
     typer.echo(f"{out}: {counted(frames, 'frame')}, with the truth; next: ledpi decode {shlex.quote(str(out))}")
@@ -107,12 +104,10 @@ def _board(settings: Config) -> Scene:
 def _still(settings: Config, ids: list[int], distance_m: float, angle_deg: float) -> Scene:
     sensor = simulated_sensor(settings.camera, settings.panels)
     specs = _specs(settings.panels, ids)
-    try:
+    with raising("--id", ConfigError):
         for marker_id in ids:
             load_dictionary(settings.panels.dictionary).check_readable(marker_id, settings.panels.phase)
         return still_scene(sensor, specs, settings.panels.dictionary, distance_m=distance_m, angle_deg=angle_deg)
-    except ValueError as error:
-        raise ConfigError(f"--id: {error}") from None
 
 
 def _specs(panels: PanelSettings, ids: list[int] | tuple[int, ...]) -> dict[int, PanelSpec]:

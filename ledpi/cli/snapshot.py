@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,8 +14,7 @@ import typer
 from ledpi.camera.factory import open_camera
 from ledpi.camera.recorded import RecordingCamera
 from ledpi.camera.recording.overrides import load_recording_with
-from ledpi.camera.recording.picture import read_picture
-from ledpi.camera.recording.still import read_still
+from ledpi.camera.recording.picture import read_picture, read_still
 from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.pictures import check_apart, says_all, still_of, write_drawn
 from ledpi.cli.plan import draw_plan
@@ -26,8 +26,7 @@ from ledpi.daemon.tap.frames import settings_of
 from ledpi.pipeline.diagnosis.why_not import RUN_FRAMES, Why
 from ledpi.pipeline.pipeline import pipeline_of
 from ledpi.workshop.snapshot.page import draw
-from ledpi.workshop.snapshot.record import explain, take
-from ledpi.workshop.snapshot.sources import LOOK_FRAMES, Looking, connected, showing_a_panel
+from ledpi.workshop.snapshot.sources import LOOK_FRAMES, Looking, connected, explain, showing_a_panel, take
 from ledpi.workshop.snapshot.steps import draw_steps
 
 FORMATS = (".png", ".jpg")
@@ -124,13 +123,11 @@ def _of_daemon(config: Path | None, overrides: list[str]) -> tuple[_Source, Conf
 
 
 def _from_camera(settings: Config, seq: int | None) -> _Source:
-    """The first usable frame from `seq` on, or, without one, the first that shows a panel, of half a second.
-
-    Replays and the simulator are not waited for.
-    """
+    """The first usable frame from `seq` on, else the first of half a second that shows a panel."""
     name = settings.camera.source
-    camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"), first=seq or 0)
-    try:
+    with closing(
+        open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"), first=seq or 0)
+    ) as camera:
         lens = lens_of(camera.info, settings.camera.intrinsics)
         looking = Looking(camera, settings, lens)
         looking.expose()
@@ -139,8 +136,6 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
             raise CameraError(f"camera.source: {name} ended before frame {seq or 0}")
         title = f"{Path(name).name}, frame {frame.seq}"
         return _Source(title, frame, camera.info, camera.panel, lens, run=tuple(looking.run))
-    finally:
-        camera.close()
 
 
 def _numbered(frames: Iterator[Frame], seq: int) -> Frame | None:

@@ -32,10 +32,7 @@ _log = logging.getLogger("ledpi.view")
 
 
 @app.command()
-def view(
-    config: Path | None = CONFIG,
-    set_: list[str] = SET,
-) -> None:
+def view(config: Path | None = CONFIG, set_: list[str] = SET) -> None:
     """A web page of what the running daemon sees.
 
     It shows the picture with overlay, panels, map, focus, health, recordings, and why a panel is not read. The daemon

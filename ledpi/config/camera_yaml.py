@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ValidationError
 from ledpi.config.lens_forms import LensForm, of_model, read_lens_form
 from ledpi.config.mistakes import explain
 from ledpi.config.values import Coefficient, Finite, SidePx, check_lens, numbers
-from ledpi.core.errors import CalibrationError
+from ledpi.core.errors import CalibrationError, raising
 from ledpi.core.files import read_yaml
 from ledpi.core.lens import WIDEST_DEG, blind_part, is_widest
 from ledpi.core.records import CameraInfo, Intrinsics
@@ -69,14 +69,10 @@ def lens_of_form(form: LensForm) -> Intrinsics:
     except ValidationError as error:
         raise CalibrationError(explain(error, _CameraInfo)) from None
     fx, _, cx, _, fy, cy, *_ = info.camera_matrix
-    try:
+    with raising("camera_matrix", CalibrationError):
         check_lens(info.image_width, info.image_height, fx=fx, fy=fy, cx=cx, cy=cy)
-    except ValueError as error:
-        raise CalibrationError(f"camera_matrix: {error}") from None
-    try:
+    with raising("distortion_coefficients", CalibrationError):
         model, distortion = of_model(form.model, info.distortion_coefficients)
-    except ValueError as error:
-        raise CalibrationError(f"distortion_coefficients: {error}") from None
     return Intrinsics(
         width=info.image_width,
         height=info.image_height,

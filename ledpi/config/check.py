@@ -13,10 +13,9 @@ from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.mistakes import explain_all
 from ledpi.config.named_files import read_password, tls_context
 from ledpi.config.overrides import apply_override, rename_method
-from ledpi.config.panels import check_bands_visible, check_panels
 from ledpi.config.robot import load_own_map
-from ledpi.config.settings import Config, check_method, check_odometry, resolve_paths, sections
-from ledpi.core.errors import ConfigError, LedpiError
+from ledpi.config.settings import Config, checks_together, resolve_paths, sections
+from ledpi.core.errors import ConfigError, LedpiError, raising
 from ledpi.core.files import parse_yaml
 
 
@@ -51,15 +50,7 @@ def _values(
         config = resolve_paths(Config.model_validate(raw), base, from_command_line)
     except ValidationError as error:
         return [f"{where}: {text}" for text in explain_all(error, Config)], None
-    panels, row_time_us = config.panels, config.camera.row_time_us
-    checks: list[Callable[[], None]] = [
-        lambda: check_panels(panels, where),
-        lambda: check_method(config.decode.method, panels, f"{where}: decode.method"),
-        lambda: check_odometry(config, where),
-    ]
-    if row_time_us != "auto":
-        checks.append(lambda: check_bands_visible(panels, float(row_time_us), where))
-    return _said_by(checks), config
+    return _said_by(checks_together(config, where)), config
 
 
 def _files(config: Config) -> list[str]:
@@ -77,10 +68,8 @@ def _files(config: Config) -> list[str]:
 
 
 def _named_by(key: str, read: Callable[[Path, type[LedpiError]], object], path: Path) -> None:
-    try:
+    with raising(key, ConfigError, ConfigError):
         read(path, ConfigError)
-    except ConfigError as error:
-        raise ConfigError(f"{key}: {error}") from None
 
 
 def _said_by(checks: Sequence[Callable[[], object]]) -> list[str]:

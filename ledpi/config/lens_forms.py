@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
-from ledpi.core.errors import CalibrationError
+from ledpi.core.errors import CalibrationError, raising
 from ledpi.core.files import MAX_TEXT_BYTES, parse_json, parse_yaml, read_text
 from ledpi.core.records import COEFFICIENTS, DistortionModel
 from ledpi.core.wording import shortened
@@ -113,10 +113,8 @@ def of_model(model: DistortionModel | None, values: Sequence[float]) -> tuple[Di
 def _parsed(text: str, path: Path) -> Any:
     start = text.lstrip()[:20]
     if start.startswith("{"):
-        try:
+        with raising(f"{path}: not valid JSON", CalibrationError):
             return parse_json(text)
-        except ValueError as error:
-            raise CalibrationError(f"{path}: not valid JSON: {error}") from None
     if len(text) > MAX_TEXT_BYTES:
         raise CalibrationError(f"{path}: is too large to be read; must be at most {MAX_TEXT_BYTES:,} characters")
     if start.startswith("<"):
@@ -133,10 +131,8 @@ def _xml(text: str, path: Path) -> dict[str, Any]:
     """OpenCV's FileStorage."""
     if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
         raise CalibrationError(f"{path}: its XML declares something; must be OpenCV's FileStorage, as it is written")
-    try:
+    with raising(f"{path}: not valid XML", CalibrationError, ElementTree.ParseError):
         root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise CalibrationError(f"{path}: not valid XML: {error}") from None
     return {node.tag: _numbers(node.findtext("data") or node.text or "") for node in root}
 
 

@@ -29,7 +29,7 @@ from ledpi.config.values import (
     SideM,
     unit_quaternion,
 )
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.core.files import parse_json, read_text, read_yaml
 from ledpi.core.geometry import (
     FACING_FROM_MARKER,
@@ -80,17 +80,24 @@ def limelight_panels(raw: dict[str, Any], path: Path) -> PanelMap:
     content = validated(_FieldMap, raw, str(path), ConfigError)
     panels: dict[int, MapPanel] = {}
     for index, tag in enumerate(content.fiducials):
-        if tag.id in panels:
-            raise ConfigError(f"{path}: fiducials.{index}.id: {tag.id} is there twice; each ID once")
+        _check_once(tag.id, panels, f"{path}: fiducials.{index}.id")
         field_from_tag = np.array(tag.transform).reshape(4, 4)
         left, _, right = np.linalg.svd(field_from_tag[:3, :3])  # the nearest rotation
-        panels[tag.id] = MapPanel(
-            map_from_marker=read_only(transform(left @ right @ FACING_FROM_MARKER, field_from_tag[:3, 3])),
-            side_m=tag.size / 1000.0,
-            position_sigma_m=BY_TAPE_M,
-            angle_sigma_rad=math.radians(BY_EYE_DEG),
-        )
+        panels[tag.id] = _by_hand(left @ right, field_from_tag[:3, 3], tag.size / 1000.0)
     return panels
+
+
+def _check_once(marker_id: int, panels: PanelMap, where: str) -> None:
+    if marker_id in panels:
+        raise ConfigError(f"{where}: {marker_id} is there twice; each ID once")
+
+
+def _by_hand(field_from_tag: Floats, position_m: Floats, side_m: float | None = None) -> MapPanel:
+    """A panel of a file that does not say how exactly it hangs."""
+    place, sigma_rad = transform(field_from_tag @ FACING_FROM_MARKER, position_m), math.radians(BY_EYE_DEG)
+    return MapPanel(
+        map_from_marker=read_only(place), side_m=side_m, position_sigma_m=BY_TAPE_M, angle_sigma_rad=sigma_rad
+    )
 
 
 class _Translation(NoBooleans):
@@ -137,10 +144,8 @@ class _Layout2027(NoBooleans):
 
 def load_layout(path: Path) -> PanelMap:
     """Reads a field layout, or Limelight's `.fmap`. Raises ConfigError with file and key."""
-    try:
+    with raising(f"{path}: not valid JSON", ConfigError):
         raw = parse_json(read_text(path, ConfigError))
-    except ValueError as error:
-        raise ConfigError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: must be a field layout, an object with `tags`")
     lists = [name for name in ("tags", "field-tags", "fiducials") if name in raw]
@@ -153,19 +158,13 @@ def load_layout(path: Path) -> PanelMap:
     layout = validated(model, raw, str(path), ConfigError)
     panels: dict[int, MapPanel] = {}
     for index, tag in enumerate(layout.tags):
-        if tag.ID in panels:
-            raise ConfigError(f"{path}: {name}.{index}.ID: {tag.ID} is there twice; each ID once")
+        _check_once(tag.ID, panels, f"{path}: {name}.{index}.ID")
         q, t = tag.pose.rotation.quaternion, tag.pose.translation
         quaternion = np.array([q.W, q.X, q.Y, q.Z])
         length = math.hypot(q.W, q.X, q.Y, q.Z)
         if abs(length - 1) > 0.01:
             raise ConfigError(f"{path}: {name}.{index}.pose.rotation.quaternion: must have length 1, not {length:.3g}")
-        place = transform(matrix_from_quaternion(quaternion) @ FACING_FROM_MARKER, np.array([t.x, t.y, t.z]))
-        panels[tag.ID] = MapPanel(
-            map_from_marker=read_only(place),
-            position_sigma_m=BY_TAPE_M,
-            angle_sigma_rad=math.radians(BY_EYE_DEG),
-        )
+        panels[tag.ID] = _by_hand(matrix_from_quaternion(quaternion), np.array([t.x, t.y, t.z]))
     return panels
 
 

@@ -41,9 +41,7 @@ _BRANCHES = ("number", "auto", "[key]")
 
 
 def validated(model: type[M], raw: Any, where: str, error_type: type[LedpiError], more: str = "more") -> M:
-    """The values as this model. Raises `error_type`, one line: where, key, what is wrong, what would be right; and the
-    number of further mistakes, as `more`.
-    """
+    """The values as this model. Raises `error_type`, one line for the first mistake; `more` names the further ones."""
     try:
         return model.model_validate(raw)
     except ValidationError as error:

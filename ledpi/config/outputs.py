@@ -123,7 +123,8 @@ class OutputSettings(Section):
             return self.topic or "ledpi"
         return f"ledpi/{re.sub(r'[^A-Za-z0-9_-]', '_', socket.gethostname().partition('.')[0]) or 'localhost'}"
 
-    def resolve_paths(self, absolute: Callable[[Path, str], Path]) -> OutputSettings:
+    def resolve_paths(self, name: str, absolute: Callable[[Path, str], Path]) -> OutputSettings:
         """The same, its files by their whole paths, as `absolute` makes them of a path and its key."""
         given = {key: getattr(self, key) for key in ("ca_file", "password_file")}
-        return self.model_copy(update={key: absolute(path, key) for key, path in given.items() if path is not None})
+        files = {key: absolute(path, f"outputs.{name}.{key}") for key, path in given.items() if path is not None}
+        return self.model_copy(update=files)

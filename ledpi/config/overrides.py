@@ -30,10 +30,7 @@ def parse_override(item: str) -> tuple[Key, Any]:
 
 
 def apply_override(raw: dict[str, Any], item: str) -> set[str]:
-    """Puts a value in its place. Returns the keys that it gives: more than one where it is a whole section.
-
-    Raises ConfigError.
-    """
+    """Puts a value in its place. Returns the keys that it gives: those of a whole section. Raises ConfigError."""
     key, value = parse_override(item)
     *sections, last = key
     node: Any = raw

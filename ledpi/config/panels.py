@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, StrictBool
 from ledpi.config.values import Duty, Hertz, MarkerId, Section, SideM, check_cycles_fit
 from ledpi.core.codewords import Dictionary, format_ranges
 from ledpi.core.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.core.records import PanelSpec, PanelValues, Phase
 
 
@@ -116,20 +116,15 @@ class PanelSettings(Section):
         return tuple(sorted({hz for spec in self._specs() for hz in spec.waves_hz}))
 
     def override_with(self, values: PanelValues) -> PanelSettings:
-        """With a recording's own values in place of the common ones.
-
-        Raises ConfigError where the overrides contradict them.
-        """
+        """With a recording's own values for the common ones. Raises ConfigError where overrides contradict them."""
         panels = self.model_copy(update=asdict(values))
         try:
             panels.frequencies_hz()
         except ValueError as error:
             own = panels.spec().blinking()
             raise ConfigError(f"panels.overrides: contradict the recording's own panel, of {own}: {error}") from None
-        try:
+        with raising("panels.ids", ConfigError):
             panels.existing_ids()
-        except ValueError as error:
-            raise ConfigError(f"panels.ids: {error}") from None
         return panels
 
     def has_antiphase(self) -> bool:
@@ -145,10 +140,8 @@ class PanelSettings(Section):
 
 def check_panels(panels: PanelSettings, where: str) -> None:
     """Values that are right one by one may contradict each other, or the dictionary."""
-    try:
+    with raising(f"{where}: panels.dictionary", ConfigError):
         dictionary = panels.words
-    except ValueError as error:
-        raise ConfigError(f"{where}: panels.dictionary: {error}") from None
     known = len(dictionary.codewords)
     beyond = [listed for listed in panels.ids or () if listed >= known]
     if beyond:
@@ -158,23 +151,17 @@ def check_panels(panels: PanelSettings, where: str) -> None:
         key = "panels" if marker_id is None else f"panels.overrides.{marker_id}"
         if marker_id is not None and marker_id >= known:
             raise ConfigError(f"{where}: {key}: {panels.dictionary} has only the IDs 0 to {known - 1}")
-        try:
+        with raising(f"{where}: {key}", ConfigError):
             spec = panels.spec(marker_id)
             if marker_id is not None:
                 dictionary.check_readable(marker_id, spec.phase)
             elif not dictionary.readable_ids(spec.phase):
                 raise ValueError(dictionary.none_readable(spec.phase))
-        except ValueError as error:
-            raise ConfigError(f"{where}: {key}: {error}") from None
-    try:
+    with raising(f"{where}: panels.ids", ConfigError):
         panels.existing_ids()
-    except ValueError as error:
-        raise ConfigError(f"{where}: panels.ids: {error}") from None
 
 
 def check_bands_visible(panels: PanelSettings, row_time_us: float, where: str) -> None:
     """Raises ConfigError where no picture with such rows shows how panels blink."""
-    try:
+    with raising(f"{where}: panels", ConfigError):
         check_cycles_fit(panels.frequencies_hz(), row_time_us)
-    except ValueError as error:
-        raise ConfigError(f"{where}: panels: {error}") from None

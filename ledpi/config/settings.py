@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -220,17 +221,23 @@ def build_config(raw: dict[str, Any], where: str, more: str = "more") -> Config:
     return validated(Config, raw, where, ConfigError, more)
 
 
+def checks_together(config: Config, where: str) -> list[Callable[[], None]]:
+    """Those of values that are right one by one; each raises ConfigError where they contradict each other."""
+    panels, row_time_us = config.panels, config.camera.row_time_us
+    checks = [partial(check_panels, panels, where), partial(check_bodies, config.bodies, panels, where)]
+    if row_time_us != "auto":
+        checks.append(partial(check_bands_visible, panels, row_time_us, where))
+    method = partial(check_method, config.decode.method, panels, f"{where}: decode.method")
+    return [*checks, method, partial(_check_odometry, config, where)]
+
+
 def check_together(config: Config, where: str) -> None:
     """Raises ConfigError where values that are right one by one contradict each other."""
-    check_panels(config.panels, where)
-    check_bodies(config.bodies, config.panels, where)
-    if config.camera.row_time_us != "auto":
-        check_bands_visible(config.panels, config.camera.row_time_us, where)
-    check_method(config.decode.method, config.panels, f"{where}: decode.method")
-    check_odometry(config, where)
+    for check in checks_together(config, where):
+        check()
 
 
-def check_odometry(config: Config, where: str) -> None:
+def _check_odometry(config: Config, where: str) -> None:
     """Raises ConfigError where nothing could bring it."""
     if config.odometry.source != "serial":
         return
@@ -272,9 +279,6 @@ def resolve_paths(config: Config, base: Path, from_command_line: set[str]) -> Co
         start = Path() if key in from_command_line else base
         return (start / os.path.expanduser(path)).absolute()
 
-    def absolute_of_output(name: str, path: Path, key: str) -> Path:
-        return absolute(path, f"outputs.{name}.{key}")
-
     camera = config.camera
     changes: dict[str, Any] = {}
     if camera.intrinsics is not None:
@@ -288,9 +292,7 @@ def resolve_paths(config: Config, base: Path, from_command_line: set[str]) -> Co
         changes_top["panels"] = config.panels.model_copy(update={"dictionary": words})
     if config.map is not None:
         changes_top["map"] = absolute(config.map, "map")
-    changes_top["outputs"] = {
-        name: output.resolve_paths(partial(absolute_of_output, name)) for name, output in config.outputs.items()
-    }
+    changes_top["outputs"] = {name: output.resolve_paths(name, absolute) for name, output in config.outputs.items()}
     if config.tap.socket not in (None, "auto"):
         changes_top["tap"] = TapSettings(socket=str(absolute(config.tap.socket, "tap.socket")))
     return config.model_copy(update=changes_top)

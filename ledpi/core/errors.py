@@ -6,6 +6,9 @@ The command line prints it and exits with status 2: a person has to act. Status 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from ledpi.core.wording import one_line
 
 
@@ -66,3 +69,14 @@ class DiskFullError(RecordingError, CalibrationError, ConfigError, TransientErro
 
 class InstallationError(LedpiError):
     """A part of ledpi is missing, or does not fit the rest: it has to be installed again."""
+
+
+@contextmanager
+def raising(
+    where: object, kind: type[LedpiError], of: type[Exception] | tuple[type[Exception], ...] = ValueError
+) -> Iterator[None]:
+    """Raises what is raised within as `kind`, in a line that begins with `where`."""
+    try:
+        yield
+    except of as error:
+        raise kind(f"{where}: {getattr(error, 'strerror', None) or error}") from None

@@ -47,9 +47,7 @@ class _RepeatedKeyError(Exception):
 
 
 class _PlainYaml(yaml.SafeLoader):
-    """YAML without what surprises: the last of two equal keys would win in silence, and of a panel's two places, or two
-    exposures, neither must; aliases may stand for gigabytes.
-    """
+    """YAML without what surprises: keys that are there twice, the last of which would win; aliases, for gigabytes."""
 
     _depth = 0
 
@@ -129,12 +127,10 @@ def _check_regular(status: os.stat_result) -> None:
 
 
 def write_beside(path: Path, content: bytes, *, like: os.stat_result | None = None, mode: int = 0o666) -> Path:
-    """Writes a new file in `path`'s folder, for `put_in_place`. It is on the disk on return, and not in memory alone:
-    else a power cut could leave the name with nothing behind it. Raises OSError, and leaves nothing then.
+    """Writes a new file in `path`'s folder for `put_in_place`, on the disk on return. Raises OSError; nothing is left.
 
-    `like`: the file whose owner, group and mode it has, before it holds anything; else `mode`, less the umask.
-    Its own name is one that nobody foresees, and it must be new: else another user of the folder could have put a link
-    there, and who calibrates as root would overwrite whatever it leads to.
+    `like`: whose owner, group and mode it has before it holds anything; else `mode`, less the umask. Nobody foresees
+    its name, and it must be new: a link of another user's would lead who calibrates as root elsewhere.
     """
     fresh = path.with_name(f".{path.name}.{secrets.token_hex(8)}.new")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -171,10 +167,8 @@ def remove_unfinished(path: Path) -> None:
 
 @contextmanager
 def locked(folder: Path, wait_s: float = 30.0) -> Iterator[None]:
-    """Holds a folder, so that of two who change a file in it the second one sees what the first one wrote.
-
-    Raises OSError where another one holds it for longer than that. A folder that cannot be locked is not: of another
-    user, who may write in it and not read it, or on a network file system that has no locks.
+    """Holds a folder: of two who change a file in it the second sees what the first wrote. OSError after `wait_s`.
+    One that cannot be locked, as another user's or of a file system without locks, is not held.
     """
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -223,13 +217,19 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
+@contextmanager
+def writing(path: Path, kind: type[LedpiError]) -> Iterator[Path]:
+    """Raises what the system says while `path` is written as `not_written` has it."""
+    try:
+        yield path
+    except OSError as error:
+        raise not_written(path, error, kind) from None
+
+
 def not_written(
     path: Path, error: OSError, kind: type[LedpiError], where: str | None = None, what: str = "cannot be written"
 ) -> LedpiError:
-    """The error of a file that could not be written: a DiskFullError, with what would help, or one of `kind`.
-
-    `where`: what the message begins with, if not with `path`.
-    """
+    """The error of a file that could not be written, DiskFullError or `kind`; it begins with `where`, else `path`."""
     full = FULL.get(error.errno or 0)
     if full is None:
         return kind(f"{where or path}: {what}: {error.strerror or error}")

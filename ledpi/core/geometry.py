@@ -110,13 +110,7 @@ def unit_square_homography(corners: Floats) -> Floats:
         return np.full((3, 3), np.nan)
     g = (dx3 * dy2 - dx2 * dy3) / det
     h = (dx1 * dy3 - dx3 * dy1) / det
-    return np.array(
-        [
-            [x1 - x0 + g * x1, x3 - x0 + h * x3, x0],
-            [y1 - y0 + g * y1, y3 - y0 + h * y3, y0],
-            [g, h, 1.0],
-        ]
-    )
+    return np.array([[x1 - x0 + g * x1, x3 - x0 + h * x3, x0], [y1 - y0 + g * y1, y3 - y0 + h * y3, y0], [g, h, 1.0]])
 
 
 def apply_homography(homography: Floats, points: Floats) -> Floats:

@@ -75,23 +75,6 @@ def fundamental_amplitude(frequency_hz: float, exposure_us: float, duty: float =
     return 2.0 * float(np.sinc(duty)) * float(np.sinc(frequency_hz * exposure_us * 1e-6))
 
 
-def square_wave_bands(cycles: Floats, frequency_hz: float, exposure_us: float, duty: float = 0.5) -> Floats:
-    """(2, …): a square wave as its rows show it, less its mean, and what a later phase adds, per radian.
-
-    In units of the fundamental's amplitude: without harmonics they were cos 2π·cycles and sin 2π·cycles, `cycles` being
-    the fundamental's phase in each row. That is greatest where the middle of the exposure meets the middle of the time
-    that the wave is on; or of the time that it is off, where the fundamental's share of the exposure is negative.
-    """
-    exposed = frequency_hz * exposure_us * 1e-6
-    fundamental = fundamental_amplitude(frequency_hz, exposure_us, duty)
-    start = np.asarray(cycles) + (duty / 2 - exposed / 2 + (0.5 if fundamental < 0 else 0.0))
-    bands = (exposure_weight(start, exposed, duty) / duty - 1.0) / abs(fundamental)
-    switched_on = start - np.floor(start) < duty
-    end = start + exposed
-    rise = (end - np.floor(end) < duty).astype(np.float32) - switched_on
-    return np.stack([bands, -rise / (2.0 * math.pi * exposed * duty * abs(fundamental))])
-
-
 def band_width_rows(frequency_hz: float, *, rows: int, scan_time_s: float) -> float:
     """Height of one bright or dark band: w = n/T · 1/(2f).
 

@@ -20,15 +20,7 @@ from ledpi.config.robot import unreadable_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected
-from ledpi.daemon.health import (
-    Health,
-    RecentPackets,
-    Totals,
-    health,
-    minute_line,
-    second_line,
-    status,
-)
+from ledpi.daemon.health import Health, RecentPackets, Totals, health, minute_line, second_line, status
 from ledpi.daemon.liveness import Liveness, Pacing
 from ledpi.daemon.observers import Observers, setup_of
 from ledpi.daemon.reload import NO_HANDOVER, Handover, publisher_of
@@ -129,10 +121,7 @@ class Daemon:
         return self._handover
 
     def save(self, cause: str = ASKED) -> Future[Path]:
-        """Writes the last seconds; the recording's folder once it is whole, or RecordingError. From any thread.
-
-        Raises RecordingError where nothing is kept.
-        """
+        """Writes the last seconds; its folder once it is whole. From any thread. Raises RecordingError, as it may."""
         return self._observers.save(cause)
 
     def run(self, at_each_tick: Callable[[], None] = lambda: None) -> Totals:

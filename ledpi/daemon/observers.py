@@ -17,7 +17,7 @@ from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, PanelMap
 from ledpi.daemon.kept_takes import KeptTakes
 from ledpi.daemon.reporting import event
-from ledpi.daemon.rewind import ASKED, Rewind
+from ledpi.daemon.rewind import ASKED, Rewind, TapRecorder
 from ledpi.daemon.robot_state import Now
 from ledpi.daemon.takes import Shown
 from ledpi.daemon.tap import messages
@@ -25,7 +25,6 @@ from ledpi.daemon.tap.messages import Setup
 from ledpi.daemon.tap.places import AUTO, to_serve
 from ledpi.daemon.tap.protocol import COMMANDS, Request
 from ledpi.daemon.tap.server import Tap
-from ledpi.daemon.tap_recorder import TapRecorder
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.state.inputs import Odometry

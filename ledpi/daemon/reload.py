@@ -16,7 +16,7 @@ from ledpi.config.robot import load_own_map
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Floats
-from ledpi.wire.ear import Ear
+from ledpi.wire.line import Ear
 from ledpi.wire.mavlink import Mavlink, Resets
 from ledpi.wire.publisher import Publisher
 

@@ -81,10 +81,7 @@ class FrameRing:
             return frame
 
     def wait_until_taken(self, timeout_s: float) -> bool:
-        """Waits until no frame is left to be read, `timeout_s` at most; returns whether that is so.
-
-        For a writer that has no pace of its own, as a replay.
-        """
+        """Waits, `timeout_s` at most, until no frame is left to be read, and tells whether that is so; for a replay."""
         with self._changed:
             return self._changed.wait_for(lambda: self._newest is None or self._closed, timeout_s)
 

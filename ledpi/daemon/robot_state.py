@@ -21,12 +21,11 @@ from ledpi.pose.fix import Robot
 from ledpi.state.belief import Event
 from ledpi.state.estimator import State
 from ledpi.state.inputs import Odometry
-from ledpi.wire.codec import FROM_CONTROLLER
+from ledpi.wire.codec import FROM_CONTROLLER, Receiver
 from ledpi.wire.diary import Entry, Frame, Look, line_of, seen
 from ledpi.wire.keeper import FAILED, Asked, Heard, Input, Keeper, Told
 from ledpi.wire.mavlink import Resets, load_dialect
 from ledpi.wire.mavlink_heard import AutopilotReceiver
-from ledpi.wire.receiver import Receiver
 from ledpi.wire.state_message import StateMessage, state_message
 
 MOST_LINES = 10_000  # of the diary that wait for a frame: a camera that is lost for a minute

@@ -10,9 +10,10 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from ledpi.core.errors import LedpiError, TapError, TransientError
 from ledpi.daemon.reporting import event
@@ -27,8 +28,7 @@ ALL_STALE_NS = 5_000_000_000  # so long nothing but old frames: this computer is
 _log = logging.getLogger("ledpi.bridge")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mail:
+class Mail(NamedTuple):
     """The lines that have come since the last look."""
 
     setup: Line | None = None  # a `hello`
@@ -51,13 +51,8 @@ class Mailbox:
         with self._changed:
             old = self._mail
             self.replaced += old.frame is not None and mail.frame is not None
-            self._mail = Mail(
-                setup=mail.setup or old.setup,
-                frame=mail.frame or old.frame,
-                health=mail.health or old.health,
-                robot=mail.robot or old.robot,
-                state=mail.state or old.state,
-            )
+            newest: Iterator[Any] = (new or waiting for new, waiting in zip(mail, old, strict=True))
+            self._mail = Mail(*newest)
             self._changed.notify()
 
     def take(self, timeout_s: float) -> Mail:
@@ -147,7 +142,7 @@ class Bridge:
     def _is_others(self, hello: Line) -> bool:
         """Tells whether the daemon has another configuration: its poses are another camera's."""
         path = hello.get("config_path")
-        if self._only_of is None or path is None or _same(Path(path), self._only_of):
+        if self._only_of is None or path is None or Path(path).resolve() == self._only_of.resolve():
             return False
         said = f"{self._socket_path} is of the daemon with {path}, not {self._only_of}; give each a tap.socket"
         _log.warning(event("other_daemon", output=self._name, error=said, then="nothing of it is sent"))
@@ -243,10 +238,6 @@ class Bridge:
 
     def _report(self) -> None:
         _log.info(event("bridge", output=self._name, **asdict(self.counters)))
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
 
 
 def _mail_of(line: Line) -> Mail:

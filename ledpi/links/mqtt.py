@@ -32,20 +32,15 @@ from ledpi.links.target import CONNECT_S, UNANSWERED_MS, BridgeError, Line, Targ
 
 BEHIND_S = 0.1  # without an acknowledgement: the broker is behind, and the next frames are dropped
 KEEPALIVE_S = 5  # a broker says after 1.5 times that that we are gone
-REFUSED = {  # MQTT 3.1.1's return codes of CONNACK that a person has to see to
-    4: "refuses the user or the password; see user and password_file",
-    2: "refuses the client identifier; set client_id to one that it takes, such as 1 to 23 letters and digits",
-    5: "does not let this user in; see user and password_file, and the broker's own lists",
+# Why a broker refuses us, as paho names it of either version of MQTT: what a person has to see to, and what may pass.
+REFUSED = {
+    "Bad user name or password": "refuses the user or the password; see user and password_file",
+    "Client identifier not valid": (
+        "refuses the client identifier; set client_id to one that it takes, such as 1 to 23 letters and digits"
+    ),
+    "Not authorized": "does not let this user in; see user and password_file, and the broker's own lists",
 }
-LATER = {  # those that may pass
-    3: "is not available now; look at its log",
-}
-CODES = {  # as paho names them of either version
-    "Client identifier not valid": 2,
-    "Server unavailable": 3,
-    "Bad user name or password": 4,
-    "Not authorized": 5,
-}
+LATER = {"Server unavailable": "is not available now; look at its log"}
 MAX_PACKET_BYTES = 1 << 20  # that a broker may send: more than any setup, the largest of what it has for us
 PUBLISH, WITH_QUALITY = 0x30, 0x06  # in the first byte of a packet: its type, and a quality of service above 0
 GONE = "gone"  # the state that the broker tells if we end without a word
@@ -88,7 +83,7 @@ class MqttTarget:
         self._payload = JsonPayload()
         self._password = None if settings.password_file is None else read_password(settings.password_file, BridgeError)
         self._client: paho.Client | None = None
-        self._refused: int | None = None  # what the broker said to us
+        self._refused: str | None = None  # what the broker said to us; "": nothing is wrong
         self._waiting_s: dict[int, float] = {}  # messages without an acknowledgement, by number: sent when
 
     def open(self) -> None:
@@ -165,7 +160,7 @@ class MqttTarget:
         return client
 
     def _hear_welcome(self, client: paho.Client, data: object, flags: object, reason: Any, more: object) -> None:
-        self._refused = CODES.get(str(reason), -1) if reason.is_failure else 0
+        self._refused = str(reason) if reason.is_failure else ""
 
     def _hear_acknowledgement(
         self, client: paho.Client, data: object, number: int, reason: object, more: object
@@ -209,12 +204,12 @@ class MqttTarget:
                 raise TargetLostError(
                     f"{self._where}: takes the connection and says nothing; is a broker at this port?"
                 )
-        code = -1 if self._refused is None else self._refused
-        if code in REFUSED:
-            raise BridgeError(f"{self._where}: the broker {REFUSED[code]}")
-        if code in LATER:
-            raise TargetLostError(f"{self._where}: the broker {LATER[code]}")
-        if code != 0:
+        why = "nothing that is known" if self._refused is None else self._refused
+        if why in REFUSED:
+            raise BridgeError(f"{self._where}: the broker {REFUSED[why]}")
+        if why in LATER:
+            raise TargetLostError(f"{self._where}: the broker {LATER[why]}")
+        if why != "":
             raise TargetLostError(f"{self._where}: answers as no broker does; is the port right for {self._way}?")
 
     def _has_room(self) -> bool:

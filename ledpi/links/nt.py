@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import ntcore
@@ -98,15 +97,14 @@ class NtTarget:
         table = f"/photonvision/{self._photon_camera}"
         raw = self._publisher(f"{table}/rawBytes", publish_photon, "Raw")
         raw.set(photon.packet(frame, self._size, captured_us, published_us + offset_us, self._mount), published_us)
-        beat = self._publisher(f"{table}/heartbeat", _publish, "Integer")
+        beat = self._publisher(f"{table}/heartbeat", lambda topic, options: topic.publish(options), "Integer")
         beat.set(frame["seq"], published_us)
 
     def _put(self, name: str, kind: str, value: object, at_us: int) -> None:
-        if kind in SCHEMAS:
-            publisher = self._publisher(f"{self._table}/{name}", partial(_publish_struct, TYPES[kind]), "Raw")
-        else:
-            publisher = self._publisher(f"{self._table}/{name}", _publish, kind)
-        publisher.set(value, at_us)
+        form, of = ("Raw", [TYPES[kind]]) if kind in SCHEMAS else (kind, [])
+        self._publisher(f"{self._table}/{name}", lambda topic, options: topic.publish(*of, options), form).set(
+            value, at_us
+        )
 
     def _publisher(self, name: str, publish: Callable[[Any, Any], Any], kind: str) -> Any:
         publisher = self._publishers.get(name)
@@ -115,14 +113,6 @@ class NtTarget:
             publisher = publish(topic, ntcore.PubSubOptions(keepDuplicates=True, periodic=0.005))
             self._publishers[name] = publisher
         return publisher
-
-
-def _publish(topic: Any, options: Any) -> Any:
-    return topic.publish(options)
-
-
-def _publish_struct(type_name: str, topic: Any, options: Any) -> Any:
-    return topic.publish(type_name, options)
 
 
 def publish_photon(topic: Any, options: Any) -> Any:

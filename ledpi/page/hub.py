@@ -116,10 +116,7 @@ class Hub:
         return self.ask("record_stop") or {}
 
     def ask(self, do: str, within_s: float = ANSWER_S, **values: Any) -> dict[str, Any] | None:
-        """Asks the daemon, and waits for its answer; None where it takes longer.
-
-        Raises TapError where the daemon is gone, or the answer is an error.
-        """
+        """Asks the daemon; None where the answer takes longer. Raises TapError where it is gone, or refuses."""
         tap = self._tap
         if tap is None or not self._connected:
             raise TapError("the daemon is not running")
@@ -283,13 +280,7 @@ class Hub:
         return reasons[0] if reasons else "stale" if self._decoded["markers"] else "no_panel"
 
 
-_OF_FRAMES = (
-    "none",
-    "no_panel",
-    "not_in_map",
-    "rejected",
-    "stale",
-)  # what a second says, and a newer frame knows better
+_OF_FRAMES = ("none", "no_panel", "not_in_map", "rejected", "stale")  # of a second; a newer frame knows better
 # What places are told in: of another camera, mount or map they are no places of this one.
 _PLACES_IN = ("camera", "camera_mount", "panels", "map")
 _KEPT = ("frames_per_s", "decoded_per_s", "decoded", "dropped_frames", "latency_ms", "temperature_c")

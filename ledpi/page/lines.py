@@ -12,30 +12,19 @@ _NUMBER = (int, float)
 
 def check_line(line: dict[str, Any]) -> None:
     """Raises ValueError that names the key, where the page could not use a line. Unknown types are let pass."""
-    check = {
-        "hello": _hello,
-        "decoded": _decoded,
-        "picture": _picture,
-        "health": _health,
-        "robot_state": _robot_state,
-    }.get(line["type"])
-    if check is not None:
-        check(line)
+    if line["type"] in _CHECKS:
+        _CHECKS[line["type"]](line)
 
 
 def _hello(line: dict[str, Any]) -> None:
     camera, panels = _of(line, "camera", dict), _of(line, "panels", dict)
-    for key in ("width", "height", "row_time_us"):
-        _positive(camera, key)
+    _positive(camera, "width", "height", "row_time_us")
     if camera.get("fx") is not None:
-        for key in ("fx", "fy"):
-            _positive(camera, key)
-        for key in ("cx", "cy"):
-            _number(camera, key)
+        _positive(camera, "fx", "fy")
+        _number(camera, "cx", "cy")
         if camera.get("distortion") is not None:
             _numbers(camera, "distortion", len(COEFFICIENTS.get(camera.get("distortion_model", "plumb_bob"), ())))
-    for key in ("side_m", "black_hz", "white_hz"):
-        _positive(panels, key)
+    _positive(panels, "side_m", "black_hz", "white_hz")
     for marker_id, panel in (_of(line, "map", (dict, type(None))) or {}).items():
         if not marker_id.isdecimal():
             raise ValueError("map: an ID must be a number")
@@ -48,8 +37,7 @@ def _robot_state(line: dict[str, Any]) -> None:
     if line.get("position_m") is not None:
         _numbers(line, "position_m", 2)
         _numbers(line, "covariance", 9)
-        for key in ("yaw_rad", "way_m", "panel_ns"):
-            _number(line, key)
+        _number(line, "yaw_rad", "way_m", "panel_ns")
         _of(line, "contested", bool)
         _of(line, "moved", list)
 
@@ -113,16 +101,17 @@ def _numbers(values: dict[str, Any], key: str, count: int) -> None:
         raise ValueError(f"{key}: must be {count} numbers")
 
 
-def _positive(values: dict[str, Any], key: str) -> None:
-    if not _number(values, key) > 0:
-        raise ValueError(f"{key}: must be above 0")
+def _positive(values: dict[str, Any], *keys: str) -> None:
+    _number(values, *keys)
+    for key in keys:
+        if not values[key] > 0:
+            raise ValueError(f"{key}: must be above 0")
 
 
-def _number(values: dict[str, Any], key: str) -> float:
-    value = _of(values, key, _NUMBER)
-    if not math.isfinite(value):
-        raise ValueError(f"{key}: must be a number")
-    return float(value)
+def _number(values: dict[str, Any], *keys: str) -> None:
+    for key in keys:
+        if not math.isfinite(_of(values, key, _NUMBER)):
+            raise ValueError(f"{key}: must be a number")
 
 
 def _of(values: Any, key: str, kind: type | tuple[type, ...]) -> Any:
@@ -130,3 +119,9 @@ def _of(values: Any, key: str, kind: type | tuple[type, ...]) -> Any:
     if not isinstance(value, kind):
         raise ValueError(f"{key}: is missing, or of another kind")
     return value
+
+
+_CHECKS = {
+    **{"hello": _hello, "decoded": _decoded, "picture": _picture, "health": _health},
+    "robot_state": _robot_state,
+}

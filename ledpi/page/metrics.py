@@ -38,10 +38,7 @@ class Seen:
 
 
 def metrics(health: dict[str, Any] | None, seen: Seen, version: object) -> str:
-    """All figures of a `health` line; without one (no daemon answers) those that do not come from it.
-
-    `version`: the daemon's; the page's own is beside it.
-    """
+    """All figures of a `health` line; without one (no daemon answers) those of the page. `version`: the daemon's."""
     built = f'{{version="{__version__}",daemon="{_quoted(version)}"}}'
     lines = _family("build_info", "gauge", "Versions of the page and of the daemon", [(built, 1)])
     lines += _family("fixes_total", "counter", "Frames with the robot's place, since the page runs", [("", seen.fixes)])

@@ -1,17 +1,162 @@
-"""Panels as the page shows them: the table of those seen lately, and the map from above. Pure; times are handed in."""
+"""Panels as the page shows them: drawn over a picture, in a table of those seen lately, and in the map from above.
+
+Over a picture, pixel centres have whole numbers.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
 import numpy as np
 
-from ledpi.core.geometry import matrix_from_quaternion
-from ledpi.page.overlay import place_of
-from ledpi.workshop.monitor import heading_deg
+from ledpi.core.codewords import Dictionary
+from ledpi.core.dictionaries import load_dictionary
+from ledpi.core.geometry import matrix_from_quaternion, project_to_quad
+from ledpi.core.lens import projected
+from ledpi.core.records import Floats, Frame, Pixels, Quad
+from ledpi.daemon.tap.frames import lens_told, not_read_of
+from ledpi.decode.evidence.cells import CellSamples, sample_cells
+from ledpi.pipeline.diagnosis.diagnose import Diagnosis
+from ledpi.pipeline.diagnosis.reasons import explained
+from ledpi.workshop.monitor import heading_deg, yaw_deg
+from ledpi.workshop.snapshot.enlarged import TILE, bands_tile
+
+CELL_SHARE = 0.9  # of a cell's pitch that is coloured
+
+
+def drawn(decoded: dict[str, Any], hello: dict[str, Any]) -> list[dict[str, Any]]:
+    """Each panel of a line `decoded`: ID and corners, axes (None without a pose), cells with their class."""
+    dictionary = dictionary_of(hello)
+    return [
+        {
+            "id": marker["id"],
+            "corners_px": marker["corners_px"],
+            "axes_px": _axes(marker, hello),
+            "cells": _word_cells(marker, dictionary),
+            **place_of(marker),
+        }
+        for marker in decoded["markers"]
+    ]
+
+
+def place_of(marker: dict[str, Any]) -> dict[str, float | None]:
+    """Tells how far a panel is, and by how much it is turned to the side, as `ledpi monitor` says it."""
+    if marker["position_m"] is None:
+        return {"distance_m": None, "yaw_deg": None}
+    turned_deg = yaw_deg(marker["quaternion_wxyz"])
+    return {"distance_m": round(math.hypot(*marker["position_m"]), 4), "yaw_deg": round(turned_deg, 1)}
+
+
+def drawn_reasons(diagnoses: Sequence[Diagnosis]) -> list[dict[str, Any]]:
+    """Tells what was no panel that is read: its corners, what is wrong, what helps, and its cells as they seem."""
+    return [
+        {
+            "corners_px": one.corners_px.tolist(),
+            "kind": one.kind,
+            "why": one.why,
+            "says": one.says,
+            "helps": one.helps,
+            "cells": [] if one.cells_nats is None else _cells(one.corners_px, one.cells_nats > 0),
+        }
+        for one in diagnoses
+    ]
+
+
+def plain_reasons(picture: dict[str, Any]) -> list[Diagnosis]:
+    """The path's own reasons, where the daemon's panels cannot be looked for here."""
+    return [
+        Diagnosis(corners_px=one.corners_px, why=one.why, says=says, helps=helps, kind="light")
+        for one in not_read_of(picture)
+        for says, helps in [explained(one.why)]
+    ]
+
+
+def dictionary_of(hello: dict[str, Any]) -> Dictionary | None:
+    """None where it is a file of its own that cannot be read here."""
+    try:
+        return load_dictionary(hello["panels"]["dictionary"])
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def _word_cells(marker: dict[str, Any], dictionary: Dictionary | None) -> list[dict[str, Any]]:
+    if dictionary is None or marker["id"] >= len(dictionary.codewords):
+        return []
+    return _cells(np.array(marker["corners_px"], np.float64), dictionary.codeword(marker["id"]))
+
+
+def _cells(corners: Floats, white: np.ndarray) -> list[dict[str, Any]]:
+    """Every cell's quad between a panel's corners (4, 2), and whether it is of white's class."""
+    n = len(white)
+    inset = (1 - CELL_SHARE) / 2
+    quads = []
+    for (row, column), bit in np.ndenumerate(white):
+        left, right = (column + inset) / n, (column + 1 - inset) / n
+        top, bottom = (row + inset) / n, (row + 1 - inset) / n
+        at = project_to_quad(corners, np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
+        quads.append({"corners_px": np.round(at, 1).tolist(), "white": bool(bit)})
+    return quads
+
+
+def _axes(marker: dict[str, Any], hello: dict[str, Any]) -> list[list[float]] | None:
+    """Centre, and tips of x, y and z, half a side long; None without pose or lens."""
+    lens = lens_told(hello["camera"])
+    if marker["position_m"] is None or lens is None:
+        return None
+    ends_m = np.concatenate([np.zeros((1, 3)), hello["panels"]["side_m"] / 2 * np.eye(3)])
+    turn = matrix_from_quaternion(np.array(marker["quaternion_wxyz"]))
+    seen, _ = projected(ends_m @ turn.T + np.array(marker["position_m"]), lens)
+    tips: list[list[float]] = np.round(seen, 1).tolist()
+    return tips if np.isfinite(seen).all() else None
+
+
+def paint_bands(
+    onto: Pixels, pixels: Pixels, decoded: dict[str, Any], hello: dict[str, Any], cells: int
+) -> float | None:
+    """Paints each panel's bands over `onto` (H, W), in place. Returns the faintest full scale, a share of the light.
+
+    `pixels`, (H, W), is the picture, `cells` how many a panel has along a side. None where no panel's cells can be
+    sampled.
+    """
+    shares = []
+    frame = _frame(pixels, decoded, hello)
+    for marker in decoded["markers"]:
+        corners = np.array(marker["corners_px"], np.float64)
+        quad = Quad(corners_px=corners)
+        samples = sample_cells(frame, quad, cells, lens_told(hello["camera"]))
+        if isinstance(samples, CellSamples):
+            tile, share = bands_tile(samples)
+            _paint(onto, tile[..., 0], corners)
+            shares.append(share)
+    return min(shares, default=None)
+
+
+def _paint(onto: Pixels, tile: Pixels, corners: Floats) -> None:
+    # Pixel centres have whole numbers, so a tile reaches half a pixel beyond its first and its last one.
+    square = np.array([[0, 0], [TILE, 0], [TILE, TILE], [0, TILE]], np.float32) - np.float32(0.5)
+    warp = cv2.getPerspectiveTransform(square, corners.astype(np.float32))
+    size = (onto.shape[1], onto.shape[0])
+    painted = cv2.warpPerspective(np.ascontiguousarray(tile), warp, size, flags=cv2.INTER_AREA)
+    covered = cv2.warpPerspective(np.full_like(tile, 255), warp, size, flags=cv2.INTER_NEAREST)
+    np.copyto(onto, painted, where=np.asarray(covered > 0))
+
+
+def _frame(pixels: Pixels, decoded: dict[str, Any], hello: dict[str, Any]) -> Frame:
+    camera = hello["camera"]
+    return Frame(
+        pixels=pixels,
+        seq=decoded["seq"],
+        row0_readout_ns=decoded["sensor_timestamp_ns"],
+        exposure_us=decoded.get("exposure_us") or camera["exposure_us"],
+        row_time_us=camera["row_time_us"],
+        transfer=camera.get("transfer", "linear"),
+    )
+
 
 FORGOTTEN_NS = 30_000_000_000  # after so long unseen, a panel is no row any more
 RATE_NS = 2_000_000_000  # that a rate is counted over
@@ -109,10 +254,7 @@ def _named(what: str, ids: list[int]) -> str:
 
 
 def _ellipse(covariance: list[float] | None) -> dict[str, float] | None:
-    """Half axes (m) and the first one's angle (rad) of SIGMAS deviations; None where they are not known.
-
-    `covariance`: row by row, x and y first.
-    """
+    """Half axes (m) and angle (rad) of SIGMAS deviations, if known; `covariance`: row by row, x and y first."""
     if covariance is None:
         return None
     size = math.isqrt(len(covariance))

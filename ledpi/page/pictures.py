@@ -15,7 +15,7 @@ from ledpi.core.errors import TapError
 from ledpi.core.records import Floats, Pixels
 from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, why_not_of
 from ledpi.page.encode import amplified, as_jpeg, as_png, focus, histogram
-from ledpi.page.overlay import dictionary_of, drawn, drawn_reasons, paint_bands, plain_reasons
+from ledpi.page.panels import dictionary_of, drawn, drawn_reasons, paint_bands, plain_reasons
 from ledpi.pipeline.diagnosis.why_not import WhyNot
 
 Kind = Literal["plain", "bands", "whynot"]
@@ -43,7 +43,7 @@ class Shown:
         """Returns what is told beside it, and the JPEG. The first viewer's thread makes it, the others get the same."""
         told = self._once(f"told {kind}", lambda: self._told(kind))
         if kind == "bands":
-            jpeg, share = self._bands()
+            jpeg, share = self._once("bands", self._make_bands)
             return told | {"bands_share": share}, jpeg
         return told, bytes(self._once("jpeg", lambda: as_jpeg(self.pixels)))
 
@@ -58,12 +58,8 @@ class Shown:
             told["camera"] = self.hello["camera"] | {"exposure_us": exposure_us}
         return with_text(as_png(self.pixels), told)
 
-    def _bands(self) -> tuple[bytes, float | None]:
-        """The picture's bands amplified as JPEG; and what is full scale at the panels, a share of their light."""
-        made: tuple[bytes, float | None] = self._once("bands", self._make_bands)
-        return made
-
     def _make_bands(self) -> tuple[bytes, float | None]:
+        """The bands amplified as JPEG; and what is full scale at the panels, a share of their light."""
         picture, dictionary = amplified(self.pixels, self._period_rows(), self._quads()), dictionary_of(self.hello)
         if dictionary is None:
             return as_jpeg(picture), None

@@ -60,6 +60,10 @@ def _json(values: Callable[[ViewServer, dict[str, str]], Any]) -> Callable[[Hand
     return lambda handler, query, body: handler.send_json(values(handler.server, query))
 
 
+def _content(kind: str, make: Callable[[ViewServer], bytes]) -> Callable[[Handler, dict[str, str], bytes], None]:
+    return lambda handler, query, body: handler.send_content(200, kind, make(handler.server))
+
+
 def _place_of(answer: dict[str, Any] | None) -> dict[str, Any]:
     """The recording that a command has made."""
     if answer is None:
@@ -92,10 +96,6 @@ class Handler(RequestHandler):
             raise TapError("there is no picture yet")
         self.send_content(200, "image/png", shown.png())
 
-    def answer_metrics(self, query: dict[str, str], body: bytes) -> None:
-        """For Prometheus."""
-        self.send_content(200, METRICS, self.server.hub.metrics().encode())
-
     def answer_nothing(self, query: dict[str, str], body: bytes) -> None:
         """Browsers ask for an icon."""
         self.send_content(204, TEXT, b"")
@@ -109,15 +109,6 @@ class Handler(RequestHandler):
         if not isinstance(request, dict):
             raise ValueError("a change must be a JSON object")
         self.send_json({"says": self.server.settings.change(request)})
-
-    def answer_reload(self, query: dict[str, str], body: bytes) -> None:
-        """Applies the file."""
-        self.server.settings.reload()
-        self.send_json({})
-
-    def answer_backup(self, query: dict[str, str], body: bytes) -> None:
-        """An archive, a few kilobytes."""
-        self.send_content(200, "application/zip", self.server.settings.backup())
 
     def answer_restore(self, query: dict[str, str], body: bytes) -> None:
         """Puts one back."""
@@ -134,11 +125,6 @@ class Handler(RequestHandler):
         except TapError as error:
             self.close_connection = True
             _log.warning("a download broke off: %s", error)
-
-    def answer_take_delete(self, query: dict[str, str], body: bytes) -> None:
-        """Deletes one."""
-        self.server.takes.delete(query.get("name", ""))
-        self.send_json({})
 
     def answer_board(self, query: dict[str, str], body: bytes) -> None:
         """Answers how far the calibration is; null before one was begun."""
@@ -169,7 +155,7 @@ class Handler(RequestHandler):
 
     answers: ClassVar[Answers] = {
         ("GET", "/favicon.ico"): answer_nothing,
-        ("GET", "/metrics"): answer_metrics,
+        ("GET", "/metrics"): _content(METRICS, lambda view: view.hub.metrics().encode()),
         ("GET", "/api/frame"): answer_frame,
         ("GET", "/api/frame.png"): answer_png,
         ("GET", "/api/state"): _json(lambda view, query: view.hub.state(_whole(query, "after"), WAIT_S)),
@@ -179,14 +165,14 @@ class Handler(RequestHandler):
         ("GET", "/api/take.tar"): answer_take,
         ("GET", "/api/board"): answer_board,
         ("GET", "/api/camera.yaml"): answer_lens,
-        ("GET", "/api/backup"): answer_backup,
+        ("GET", "/api/backup"): _content("application/zip", lambda view: view.settings.backup()),
         ("POST", "/api/edit"): answer_edit,
         ("POST", "/api/restore"): answer_restore,
-        ("POST", "/api/reload"): answer_reload,
+        ("POST", "/api/reload"): _json(lambda view, query: view.settings.reload()),
         ("POST", "/api/board/start"): answer_board_start,
         ("POST", "/api/board/stop"): answer_board_stop,
         ("POST", "/api/save"): _json(lambda view, query: _place_of(view.hub.ask("save", SAVED_S))),
-        ("POST", "/api/take_delete"): answer_take_delete,
+        ("POST", "/api/take_delete"): _json(lambda view, query: view.takes.delete(query.get("name", ""))),
         ("POST", "/api/record"): _json(lambda view, query: _place_of(view.hub.record(RECORD_S))),
         ("POST", "/api/record_stop"): _json(lambda view, query: _place_of(view.hub.record_stop())),
     }

@@ -53,11 +53,12 @@ class Settings:
         file, helper = self._offered()
         return answer(file, request) if helper is None else ask(helper, request)
 
-    def reload(self) -> None:
-        """Has the daemon read its file again. Raises LedpiError where it refuses."""
+    def reload(self) -> dict[str, Any]:
+        """Has the daemon read its file again; nothing to say. Raises LedpiError where it refuses."""
         self._offered()
         if self._hub.ask("reload", RELOAD_S) is None:
             raise TapError("the daemon does not answer")
+        return {}
 
     def backup(self) -> bytes:
         """The archive, without the token. Raises LedpiError."""

@@ -21,9 +21,10 @@ class Takes:
         """The newest first."""
         return list(self._asked("takes").get("takes", []))
 
-    def delete(self, name: str) -> None:
-        """For good; a long one has thousands of files."""
+    def delete(self, name: str) -> dict[str, Any]:
+        """For good; a long one has thousands of files. Nothing to say."""
         self._asked("take_delete", SAVED_S, name=name)
+        return {}
 
     def tar(self, name: str) -> tuple[int, Iterator[bytes]]:
         """Returns how many bytes its tar file has, and these, piece by piece."""

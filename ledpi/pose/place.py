@@ -23,12 +23,7 @@ class Placer:
     """
 
     def __init__(
-        self,
-        intrinsics: Intrinsics | None,
-        sides_m: Mapping[int, float],
-        *,
-        stream: bool,
-        robot: Robot | None = None,
+        self, intrinsics: Intrinsics | None, sides_m: Mapping[int, float], *, stream: bool, robot: Robot | None = None
     ) -> None:
         self._intrinsics = intrinsics
         self._robot = robot

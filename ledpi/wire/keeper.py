@@ -1,6 +1,6 @@
 """The state of one robot from all that is seen and said, in the order in which it came. Pure: the same gives the same.
 
-Times are of CLOCK_MONOTONIC.
+A controller's clock is made ours, and its totals are unwrapped. Times are of CLOCK_MONOTONIC.
 """
 
 from __future__ import annotations
@@ -12,10 +12,75 @@ from typing import TypeAlias
 from ledpi.config.odometry import OdometrySettings
 from ledpi.core.records import MarkerPose, Rejected
 from ledpi.pose.fix import Robot
+from ledpi.state.clock import ControllerClock, Trip
 from ledpi.state.estimator import Estimator, State
 from ledpi.state.inputs import Odometry
-from ledpi.wire.controller import Controller
 from ledpi.wire.message import Message
+from ledpi.wire.numbers import BITS_PER_BYTE, UNITS_PER_SI, wrapped32
+from ledpi.wire.state_message import U16, OdometryMessage, TimeAnswer
+
+ASK_BYTES, ANSWER_BYTES = 12, 21  # that a question takes from its first byte on; an answer with a zero ahead
+MOST_ASKED = 8  # questions that may wait for an answer: four seconds' worth
+
+UNASKED = Rejected(stage="clock", reason="unasked")
+
+
+class Controller:
+    """One controller, from a moment on: its clock, and the totals that it said last."""
+
+    def __init__(self, baud: int) -> None:
+        self._byte_ns = BITS_PER_BYTE * 1_000_000_000 // baud
+        self.clock = ControllerClock()
+        self._asked_ns: dict[int, int] = {}  # questions that wait
+        self._last: tuple[int | None, ...] = (None,) * 3  # totals in their own units, as said
+        self._totals = [0, 0, 0]  # the same, unwrapped
+
+    def note_asked(self, number: int, first_byte_ns: int) -> None:
+        """A question's first byte left."""
+        self._asked_ns[number & U16] = first_byte_ns
+        for old in list(self._asked_ns)[:-MOST_ASKED]:
+            del self._asked_ns[old]
+
+    def take(self, message: Message, now_ns: int) -> Odometry | Rejected | None:
+        """Takes a message that has just come: odometry on our clock, or why it tells nothing; None of an answer."""
+        if isinstance(message, TimeAnswer):
+            return self._answer(message, now_ns)
+        return self._odometry(message, now_ns) if isinstance(message, OdometryMessage) else None
+
+    def _answer(self, answer: TimeAnswer, now_ns: int) -> Rejected | None:
+        first_byte_ns = self._asked_ns.pop(answer.number, None)
+        if first_byte_ns is None:
+            return UNASKED
+        trip = Trip(
+            asked_ns=first_byte_ns + ASK_BYTES * self._byte_ns,
+            arrived_us=answer.arrived_us,
+            left_us=answer.left_us,
+            answered_ns=now_ns - ANSWER_BYTES * self._byte_ns,
+        )
+        return self.clock.add(trip)
+
+    def _odometry(self, said: OdometryMessage, now_ns: int) -> Odometry | Rejected:
+        self._unwrap((said.left_100um, said.right_100um, said.yaw_100urad), said.restarted)
+        t_ns = self.clock.to_ns(said.clock_us, now_ns)
+        if isinstance(t_ns, Rejected):
+            return t_ns
+        told = zip(self._last, self._totals, strict=True)
+        left_m, right_m, yaw_rad = (None if last is None else total / UNITS_PER_SI for last, total in told)
+        return Odometry(
+            t_ns=t_ns,
+            left_m=left_m,
+            right_m=right_m,
+            yaw_rad=yaw_rad,
+            restarted=said.restarted,
+            lifted=said.lifted,
+            slipping=said.slipping,
+        )
+
+    def _unwrap(self, said: tuple[int | None, ...], restarted: bool) -> None:
+        for k, (last, now) in enumerate(zip(self._last, said, strict=True)):
+            if last is not None and now is not None and not restarted:
+                self._totals[k] += wrapped32(now - last)
+        self._last = said
 
 
 @dataclass(frozen=True, slots=True)

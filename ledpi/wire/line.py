@@ -1,4 +1,4 @@
-"""A serial port: opened for nobody else, written to without waiting for the other end, honest about what queues."""
+"""A serial port: opened for nobody else, written to without waiting for the other end, read by a thread."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ import re
 import select
 import stat
 import termios
+import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Protocol
 
 import serial
 
 from ledpi.core.errors import WireError
 from ledpi.core.holder import described, openers, who_holds
-from ledpi.wire.controller import BITS_PER_BYTE
+from ledpi.wire.numbers import BITS_PER_BYTE
 
 # The transmit FIFO of the Pi's PL011 (16 bytes on BCM2835 to BCM2837), which TIOCOUTQ does not see. The next
 # frame may follow while the FIFO is emptied, so that the line never idles; its bytes count in the age.
@@ -223,3 +225,46 @@ class Others:
         for pid in sorted(found - self._known):
             _log.warning("serial_shared port=%s with=%s", port, json.dumps(described(pid)))
         self._known = found
+
+
+LOOK_S = 0.1  # after which the thread looks whether it is to end
+
+
+class Ear(Protocol):
+    """Whoever hears what comes in. Called from the publisher's threads; must not wait."""
+
+    def opened(self) -> None:
+        """The port is open, anew: what was heard of a message is none."""
+
+    def asked(self, number: int, first_byte_ns: int) -> None:
+        """A question for the controller's clock has left."""
+
+    def heard(self, data: bytes, now_ns: int) -> None:
+        """Bytes have just come."""
+
+
+@contextmanager
+def listening(line: SerialLine, hear: Callable[[bytes, int], None] | None) -> Iterator[None]:
+    """Reads, in a thread of its own, as long as the context lasts; or until the port is lost, which writing shows.
+
+    `hear` takes what has come, and when; None: nothing is read.
+    """
+    if hear is None:
+        yield
+        return
+    ends = threading.Event()
+
+    def listen() -> None:
+        with suppress(WireError):
+            while not ends.is_set():
+                data = line.read(LOOK_S)
+                if data:
+                    hear(data, time.monotonic_ns())
+
+    thread = threading.Thread(target=listen, name="ear", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ends.set()
+        thread.join()

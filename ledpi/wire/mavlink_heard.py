@@ -12,9 +12,9 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+from ledpi.wire.codec import ReceiverCounters
 from ledpi.wire.message import Message, SyncAnswer
 from ledpi.wire.numbers import UNITS_PER_SI, wrapped32
-from ledpi.wire.receiver import ReceiverCounters
 from ledpi.wire.state_message import TOTAL_MAX, U16, U32, OdometryMessage, TimeAnswer
 
 _FRAMING, _SIGNATURE, _HEAD = 12, 13, 10  # bytes beside what a packet holds; of a signed one; before what it holds
@@ -71,7 +71,7 @@ class TimeQuestions:
 
 
 class AutopilotReceiver:
-    """The messages of a controller (ledpi.wire.receiver) that an autopilot's packets stand for."""
+    """The messages of a controller (ledpi.wire.codec) that an autopilot's packets stand for."""
 
     counters = _NOTHING  # what comes beside these is no mistake
 

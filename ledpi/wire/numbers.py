@@ -9,6 +9,7 @@ from ledpi.core.errors import WireError
 
 Triple: TypeAlias = tuple[float, float, float]
 
+BITS_PER_BYTE = 10  # on the line, 8N1: start bit, eight of data, stop bit
 UNITS_PER_SI = 10_000  # a step is 0.1 mm or 0.1 mrad: finer than a pose is known; 24 bits still reach 838 m
 POSITION_MAX_UNITS = 0x7FFFFF
 I24_UNKNOWN = -0x800000

@@ -13,8 +13,7 @@ from ledpi.config.settings import SerialSettings
 from ledpi.core.errors import WireError
 from ledpi.core.records import Decoded
 from ledpi.wire.codec import DELIMITER, encode, number_after
-from ledpi.wire.ear import Ear, listening
-from ledpi.wire.line import Others, SerialLine
+from ledpi.wire.line import Ear, Others, SerialLine, listening
 from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage, SyncAnswer
 from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox, PublisherCounters

@@ -78,10 +78,7 @@ class Backup(NamedTuple):
 
 
 def collect(file: Path) -> list[Kept]:
-    """The files of the configuration at `file`; of the service's, those of the other cameras' too.
-
-    Raises ConfigError where one of them is wrong.
-    """
+    """The files of a configuration; of the service's, of other cameras' too. Raises ConfigError where one is wrong."""
     kept: dict[tuple[str, str], Kept] = {}
     for each in (file, *_other_cameras(file)):
         if mistakes := mistakes_in(each):

@@ -42,7 +42,7 @@ from ledpi.workshop.calibrate.files import (
     change_config,
     changed_safely,
     changing,
-    check_changeable,
+    check_writable,
     newest_kept,
     write_keeping_old,
     write_locked,
@@ -70,7 +70,7 @@ def is_permitted(file: Path, overrides: Sequence[str] = ()) -> bool:
 def set_keys(file: Path, items: Sequence[str]) -> Path | None:
     """Sets KEY=VALUE… if the whole file is right afterwards. Returns where the older one is kept. Raises LedpiError."""
     changes = dict(parse_override(item) for item in items)
-    check_changeable(file)
+    check_writable(file)
 
     def check() -> None:
         if mistakes := mistakes_in(file, items, with_files=False):
@@ -80,10 +80,7 @@ def set_keys(file: Path, items: Sequence[str]) -> Path | None:
 
 
 def undo(file: Path, to: str) -> None:
-    """Brings back the newest older file, whose name must be `to`; what is there now becomes the newest older one.
-
-    Raises LedpiError.
-    """
+    """Brings back the newest older file, if its name is `to`, and keeps the one that is there. Raises LedpiError."""
     with changing(file):
         older = newest_kept(file)
         if older is None or older.name != to:

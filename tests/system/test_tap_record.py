@@ -15,10 +15,10 @@ import pytest
 from ledpi.camera.recording.reader import load_recording
 from ledpi.core.errors import DiskFullError, RecordingError, TapError
 from ledpi.daemon import takes as takes_module
+from ledpi.daemon.rewind import TapRecorder
 from ledpi.daemon.takes import LIVE_FILE, RECORDED, takes_folder
 from ledpi.daemon.tap.client import connect
 from ledpi.daemon.tap.protocol import Request
-from ledpi.daemon.tap_recorder import TapRecorder
 from tests.builders.command import ledpi
 from tests.builders.daemon import SIMULATED, SIMULATED_YAML, daemon, end
 from tests.builders.rewind import differences_once_settled, stream, without_exposures, without_times

@@ -15,7 +15,7 @@ from typing_extensions import Self
 
 from ledpi.config import values as values
 from ledpi.core.dictionaries import is_file, load_dictionary
-from ledpi.core.errors import RecordingError
+from ledpi.core.errors import RecordingError, raising
 from ledpi.core.files import parse_json, read_text, read_yaml
 from ledpi.core.records import COEFFICIENTS, DistortionModel, Phase, RowsFrom, Transfer
 from ledpi.core.wording import shortened, shortened_name
@@ -160,10 +160,8 @@ def _resolve_dictionary_file(header: Header, path: Path) -> Header:
     if not is_file(header.panel.dictionary):
         return header
     dictionary = str((path.parent / header.panel.dictionary).absolute())
-    try:
+    with raising(f"{path}: panel.dictionary", RecordingError):
         load_dictionary(dictionary)
-    except ValueError as error:
-        raise RecordingError(f"{path}: panel.dictionary: {error}") from None
     return header.model_copy(update={"panel": header.panel.model_copy(update={"dictionary": dictionary})})
 
 

@@ -9,7 +9,7 @@ from ledpi.camera.recording.reader import Recording, load_recording
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.core.records import CameraInfo, PanelSpec
 
 PANEL_KEYS = ("side_m", "black_hz", "white_hz", "duty", "phase")
@@ -55,10 +55,8 @@ def _check_taken(config: Config, recording: Recording) -> None:
 def _panel(config: Config, recording: Recording) -> PanelSpec:
     values = asdict(recording.panel)
     given = {name: getattr(config.panels, name) for name in PANEL_KEYS if _given(config, f"panels.{name}")}
-    try:
+    with raising(f"--set panels: with what {recording.folder} says of its panel", ConfigError):
         return PanelSpec(**(values | given))
-    except ValueError as error:
-        raise ConfigError(f"--set panels: with what {recording.folder} says of its panel: {error}") from None
 
 
 def camera_with(config: Config, camera: CameraInfo) -> CameraInfo:

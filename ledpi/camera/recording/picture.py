@@ -1,4 +1,4 @@
-"""One picture file → pixels, and its words. A file that cannot be used is a value with a message, not an exception.
+"""One picture file → pixels and its words, or a frame. What cannot be used of a recording is a value with a message.
 
 OpenCV says only that it cannot decode, and prints its own words to standard error; half a picture that some
 version might take for a whole one would be decoded as if it had been seen. So the PNG's own structure
@@ -18,10 +18,11 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ledpi.config.settings import CameraSettings
 from ledpi.config.values import MAX_SIDE_PX
-from ledpi.core.errors import RecordingError
+from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.files import parse_json, read_bytes
-from ledpi.core.records import Pixels, Rejected
+from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 
 MAX_BYTES = 4 * MAX_SIDE_PX**2  # of a file: the largest picture, in colour and not compressed
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -141,3 +142,69 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
             return
         yield name, data[at + 8 : at + 8 + length]
         at += 12 + length
+
+
+SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff"}
+# The file's own orientation mark is passed over: lens and shutter belong to the sensor's rows and columns.
+_AS_EXPOSED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+_DEPTHS = (8, 10, 12, 14, 16)  # bits, of the 16 in which sensors' values are stored
+
+
+def still_camera(settings: CameraSettings) -> CameraInfo:
+    """Returns the camera that took a picture, by the configuration. Raises ConfigError where that leaves it open."""
+    if settings.row_time_us == "auto":
+        raise ConfigError(
+            "a picture file has no row time: add --set camera.row_time_us=33.67 (OV5647; other cameras: "
+            "docs/raspberry-pi.md#other-cameras)"
+        )
+    return CameraInfo(
+        width=settings.width,
+        height=settings.height,
+        exposure_us=settings.exposure_us,
+        row_time_us=settings.row_time_us,
+        transfer="srgb" if settings.transfer == "auto" else settings.transfer,
+        rows_from=settings.rows_from,
+    )
+
+
+def read_still(path: Path, camera: CameraInfo, seq: int = 0) -> Frame:
+    """The picture as a frame at time 0. Raises RecordingError where it cannot be read or has another size."""
+    wanted = f"must be {camera.width} × {camera.height}"
+    data = read_bytes(path, RecordingError, MAX_BYTES)
+    fault = png_fault(data) if data.startswith(PNG_SIGNATURE) else None
+    if fault is not None:
+        raise RecordingError(f"{path}: {fault[1]}")
+    picture = decode_grey(data)
+    if picture is None:
+        raise RecordingError(f"{path}: cannot be read as a picture of 8 or 16 bits; {wanted}")
+    if picture.shape != (camera.height, camera.width):
+        raise RecordingError(f"{path}: is {picture.shape[1]} × {picture.shape[0]}; {wanted}")
+    return Frame(
+        pixels=picture,
+        seq=seq,
+        row0_readout_ns=0,
+        exposure_us=camera.exposure_us,
+        row_time_us=camera.row_time_us,
+        transfer=camera.transfer,
+    )
+
+
+def decode_grey(data: bytes) -> Pixels | None:
+    """A picture file's grey values (H, W), its rows as they were exposed; None where it has none of 8 or 16 bits.
+
+    Of 16 bits the upper eight of those that are used: a sensor of 10 or 12 bits leaves the others 0, and taken as they
+    stand its pictures would be black.
+    """
+    if not data:
+        return None
+    coded = np.frombuffer(data, np.uint8)
+    try:
+        picture = cv2.imdecode(coded, _AS_EXPOSED | cv2.IMREAD_ANYDEPTH)
+        if picture is not None and picture.dtype == np.uint8:
+            return np.asarray(cv2.imdecode(coded, _AS_EXPOSED), np.uint8)
+    except cv2.error:
+        return None
+    if picture is None or picture.dtype != np.uint16:
+        return None
+    bits = next(depth for depth in _DEPTHS if int(picture.max()) < 1 << depth)
+    return np.asarray(picture >> (bits - 8), np.uint8)

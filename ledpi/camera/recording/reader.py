@@ -28,7 +28,7 @@ from ledpi.camera.recording.format import (
     read_lines,
 )
 from ledpi.config.values import check_cycles_fit, check_lens
-from ledpi.core.errors import RecordingError
+from ledpi.core.errors import RecordingError, raising
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Pixels, Pose, read_only
 from ledpi.core.row_clock import RowClock
 
@@ -115,15 +115,11 @@ def load_recording(folder: Path, *, as_reported: bool = False) -> Recording:
     """
     path = folder / HEADER_FILE
     header = read_header(path)
-    try:
+    with raising(f"{path}: panel", RecordingError):
         panel = PanelSpec(**header.panel.model_dump(exclude={"dictionary"}))
-    except ValueError as error:
-        raise RecordingError(f"{path}: panel: {error}") from None
     camera = _camera_info(header.camera, path)
-    try:
+    with raising(f"{path}: panel", RecordingError):
         check_cycles_fit(panel.waves_hz, camera.row_time_us)
-    except ValueError as error:
-        raise RecordingError(f"{path}: panel: {error}") from None
     frames, cut_off = _load_frames(folder)
     clock = RowClock(camera)
     for entry in frames:
@@ -226,8 +222,5 @@ def _truth_marker(line: TruthLineMarker) -> TruthMarker:
         position, quaternion = read_only(np.array(line.position_m)), read_only(np.array(line.quaternion_wxyz))
         pose = Pose(position_m=position, quaternion_wxyz=quaternion)
     return TruthMarker(
-        id=line.id,
-        corners_px=read_only(np.array(line.corners_px)),
-        camera_from_marker=pose,
-        optional=line.optional,
+        id=line.id, corners_px=read_only(np.array(line.corners_px)), camera_from_marker=pose, optional=line.optional
     )

@@ -6,8 +6,7 @@ So what is there when the writing is cut off is a recording of the frames until 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
 from io import FileIO
 from pathlib import Path
@@ -32,7 +31,7 @@ from ledpi.camera.recording.format import (
 from ledpi.camera.recording.reader import FrameEntry, TruthMarker, check_order, frame_entry
 from ledpi.core.dictionaries import is_file
 from ledpi.core.errors import RecordingError
-from ledpi.core.files import not_written, put_in_place, write_beside
+from ledpi.core.files import put_in_place, write_beside, writing
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, Pixels
 
 # Sensor noise does not repeat itself: Huffman coding alone is the smallest and the fastest of zlib's
@@ -60,13 +59,13 @@ class RecordingWriter:
         self._last: FrameEntry | None = None
 
     def __enter__(self) -> Self:
-        with _writing(self._folder) as folder:
+        with writing(self._folder, RecordingError) as folder:
             if folder.is_dir() and any(folder.iterdir()):
                 raise RecordingError(f"{folder}: is not empty; a recording needs a new or an empty folder")
             (folder / "frames").mkdir(parents=True)
             if self._dictionary_file is not None:
                 shutil.copyfile(self._dictionary_file, folder / self._dictionary_file.name)
-        with _writing(self._folder / HEADER_FILE) as path:
+        with writing(self._folder / HEADER_FILE, RecordingError) as path:
             put_in_place(write_beside(path, header_text(self._header, self._note).encode()), path)
         self._frames = self._create(FRAMES_FILE)
         return self
@@ -115,7 +114,7 @@ class RecordingWriter:
 
     def _set_clock(self, offset_ns: int) -> None:
         """One line more at the header's end: a recording begins before its first frame, and only that tells."""
-        with _writing(self._folder / HEADER_FILE) as path, path.open("ab") as file:
+        with writing(self._folder / HEADER_FILE, RecordingError) as path, path.open("ab") as file:
             file.write(f"wall_clock_offset_ns: {offset_ns}\n".encode())
 
     def _check(self, frame: Frame, entry: FrameEntry) -> None:
@@ -130,27 +129,19 @@ class RecordingWriter:
             raise RecordingError(f"{where}: {keys} are {is_so}; must be {should_be}, as in {HEADER_FILE}")
 
     def _create(self, name: str) -> FileIO:
-        with _writing(self._folder / name) as path:
+        with writing(self._folder / name, RecordingError) as path:
             return path.open("xb", buffering=0)
 
     def _append(self, file: FileIO, line: str) -> None:
         """Adds a whole line or, where the disk is full, nothing."""
         text, start = f"{line}\n".encode(), file.tell()
-        with _writing(Path(file.name)):
+        with writing(Path(file.name), RecordingError):
             try:
                 while text:
                     text = text[file.write(text) :]
             except BaseException:
                 file.truncate(start)
                 raise
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[Path]:
-    try:
-        yield path
-    except OSError as error:
-        raise not_written(path, error, RecordingError) from None
 
 
 def header_of(camera: CameraInfo, dictionary: str, panel: PanelSpec) -> Header:
@@ -184,7 +175,7 @@ def encode_picture(pixels: Pixels) -> bytes:
 
 
 def _write_picture(path: Path, png: bytes) -> None:
-    with _writing(path):
+    with writing(path, RecordingError):
         try:
             path.write_bytes(png)
         except BaseException:  # also Ctrl-C: half a picture is of no use

@@ -196,12 +196,7 @@ def add_to(
 
 
 def _part_weights(
-    wave: Wave | None,
-    phase_cycles: float,
-    region: Region,
-    parts: int,
-    sensor: SimulatedSensor,
-    seq: int,
+    wave: Wave | None, phase_cycles: float, region: Region, parts: int, sensor: SimulatedSensor, seq: int
 ) -> Image:
     """(parts, rows): the share of the whole exposure that is on and in that part; the parts sum to w(y)."""
     if wave is None:

@@ -44,12 +44,7 @@ def whole_rows_us(exposure_us: float, row_time_us: float) -> float:
 
 
 def still_scene(
-    sensor: SimulatedSensor,
-    specs: Mapping[int, PanelSpec],
-    dictionary: str,
-    *,
-    distance_m: float,
-    angle_deg: float,
+    sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], dictionary: str, *, distance_m: float, angle_deg: float
 ) -> Scene:
     """Panels side by side before a camera at rest, each turned about its vertical axis as in the paper.
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.core.errors import TapAgainError, TapError
+from ledpi.core.errors import TapAgainError, TapError, raising
 from ledpi.daemon.tap.places import AUTO, GROUP, to_look
 from ledpi.daemon.tap.protocol import VERSION, read_line
 
@@ -96,7 +96,7 @@ class Client:
         Raises TapError where the daemon is gone, refuses, or does not answer in time.
         """
         request_id, until_s = self.send(do, **values), time.monotonic() + timeout_s
-        try:
+        with raising(f"{self.path}", TapError, _LostError):
             while (line := self._read(until_s)) is not None:
                 if line["type"] == "error" and line.get("id") in (request_id, None):
                     kind = TapAgainError if line.get("again") is True else TapError
@@ -105,15 +105,10 @@ class Client:
                     return line
                 if time.monotonic() > until_s:
                     break
-        except _LostError as error:
-            raise TapError(f"{self.path}: {error}") from None
         raise TapError(f"{self.path}: no answer within {timeout_s:g} s; does its camera deliver?")
 
     def picture(self, *extras: str, timeout_s: float = ANSWER_S) -> dict[str, Any]:
-        """The next frame that is decoded: the answer's keys, and `pixels`, uint8 (height, width).
-
-        `extras`: rejected, evidence. Raises TapError as `ask` does.
-        """
+        """The next decoded frame: the answer, and `pixels`, uint8 (height, width); `extras`: rejected, evidence."""
         answer = self.ask("picture", timeout_s, **{"with": list(extras)})
         if "pixels" not in answer:
             raise TapError(f"{self.path}: sent a picture without pixels")

@@ -13,10 +13,13 @@ import struct
 import termios
 import time
 from collections import deque
+from typing import Literal, get_args
 
 from ledpi.core.records import Pixels
 from ledpi.daemon.tap.protocol import MAX_REQUEST_BYTES, with_dropped
 
+Kind = Literal["health", "state", "frame"]  # of lines that nobody has asked for
+_ORDER: tuple[Kind, ...] = get_args(Kind)  # in which they are sent
 MOST_ANSWERS = 8  # that a client may have open: asked, or not yet read
 # What lies unread in the system's buffer is old when it is read: beyond this a newer frame waits here in its place.
 # As the system counts, which takes 2 kB for a short line; 0.1 s of a camera.
@@ -44,9 +47,7 @@ class Follower:
         self._asks_no_more = False
         self._heard = bytearray()
         self._sending: deque[memoryview] = deque()  # in this order, whole
-        self._newest: bytes | None = None
-        self._health: bytes | None = None
-        self._state: bytes | None = None
+        self._latest: dict[Kind, bytes] = {}  # that waits, one of each kind
         self._took_s = time.monotonic()
 
     def hear(self) -> bool:
@@ -91,18 +92,10 @@ class Follower:
         """Tells whether there is any use in waiting for what it sends."""
         return self.listens and not self._asks_no_more
 
-    def show(self, line: bytes) -> None:
-        """A frame; one that still waits is dropped."""
-        self.dropped += self._newest is not None
-        self._newest = line
-
-    def tell(self, line: bytes) -> None:
-        """The state of health; the last one, if it waits, is of no use any more."""
-        self._health = line
-
-    def tell_state(self, line: bytes) -> None:
-        """The robot's state, in place of one that waits."""
-        self._state = line
+    def show(self, kind: Kind, line: bytes) -> None:
+        """Queues a line in place of one of its kind that still waits; a frame that is dropped so is counted."""
+        self.dropped += kind == "frame" and kind in self._latest
+        self._latest[kind] = line
 
     def answer(self, line: bytes, raw: Pixels | bytes | None = None) -> None:
         """Queues what must arrive."""
@@ -135,14 +128,11 @@ class Follower:
 
     def _next(self) -> bytes | None:
         """Returns what is sent while no answer waits, if the client keeps up."""
-        if (self._health or self._state or self._newest) is None or self._unread() > UNREAD_BYTES:
+        if not self._latest or self._unread() > UNREAD_BYTES:
             return None
-        line, self._health = self._health, None
-        if line is None:
-            line, self._state = self._state, None
-        if line is None and self._newest is not None:
-            line, self._newest = with_dropped(self._newest, self.dropped), None
-        return line
+        kind = min(self._latest, key=_ORDER.index)
+        line = self._latest.pop(kind)
+        return with_dropped(line, self.dropped) if kind == "frame" else line
 
     def _unread(self) -> int:
         """Tells how much the system keeps for it."""
@@ -157,12 +147,11 @@ class Follower:
     @property
     def waiting_bytes(self) -> int:
         """Counts all that waits here, without the system's buffer."""
-        lines = sum(len(line) for line in (self._newest, self._health, self._state) if line is not None)
-        return lines + sum(len(part) for part in self._sending) + len(self._heard)
+        return sum(len(part) for part in (*self._latest.values(), *self._sending, self._heard))
 
     def is_dead(self, now_s: float) -> bool:
         """Tells whether something waits for it, and it has taken nothing for long."""
-        if not (self._sending or self._newest or self._health or self._state):
+        if not (self._sending or self._latest):
             self._took_s = now_s
         return now_s - self._took_s > GIVEN_UP_S
 

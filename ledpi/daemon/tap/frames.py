@@ -11,7 +11,7 @@ import numpy as np
 from ledpi.config.overrides import apply_override
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, build_config, check_together
-from ledpi.core.errors import ConfigError, TapError
+from ledpi.core.errors import ConfigError, TapError, raising
 from ledpi.core.geometry import matrix_from_quaternion, transform
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, MapPanel, PanelMap
 from ledpi.pipeline.diagnosis.diagnose import NotRead
@@ -25,11 +25,9 @@ def camera_of(hello: dict[str, Any]) -> CameraInfo:
     """The daemon's camera. Raises TapError where the hello does not hold it."""
     camera = hello.get("camera", {})
     names = ("width", "height", "exposure_us", "row_time_us", "transfer", "frame_length_rows")
-    try:
+    with raising("the daemon's hello holds no whole camera", TapError, (KeyError, TypeError, ValueError)):
         values = {name: camera[name] for name in names}
         return CameraInfo(**values, rows_from=camera.get("rows_from", "above"), intrinsics=lens_told(camera))
-    except (KeyError, TypeError, ValueError) as error:
-        raise TapError(f"the daemon's hello holds no whole camera: {error}") from None
 
 
 def settings_of(hello: dict[str, Any], overrides: Sequence[str] = ()) -> Config:
@@ -38,15 +36,17 @@ def settings_of(hello: dict[str, Any], overrides: Sequence[str] = ()) -> Config:
     A panel has the side that the map gives it. Raises TapError where they cannot be used here, as where its dictionary
     is a file that cannot be read; ConfigError for an override.
     """
-    try:
+    with raising(
+        "the daemon's panels cannot be used here",
+        TapError,
+        (KeyError, TypeError, ValueError, AttributeError, ConfigError),
+    ):
         raw: dict[str, Any] = {
             "panels": _panels_of(hello),
             "decode": _given(method=hello.get("method")),
             "robot": {"camera_mount": _given(**(hello.get("camera_mount") or {}))},
         }
         check_together(build_config(raw, "hello"), "hello")
-    except (KeyError, TypeError, ValueError, AttributeError, ConfigError) as error:
-        raise TapError(f"the daemon's panels cannot be used here: {error}") from None
     for item in overrides:
         apply_override(raw, item)
     settings = build_config(raw, "configuration")
@@ -100,7 +100,7 @@ def _square(numbers: list[float]) -> Floats | None:
 
 def frame_of(hello: dict[str, Any], picture: dict[str, Any]) -> Frame:
     """The frame of a picture's answer, with the camera's times. Raises TapError."""
-    try:
+    with raising("the daemon's picture holds no whole frame", TapError, (KeyError, TypeError, ValueError)):
         decoded = picture["decoded"]
         return Frame(
             pixels=picture["pixels"],
@@ -111,8 +111,6 @@ def frame_of(hello: dict[str, Any], picture: dict[str, Any]) -> Frame:
             transfer=hello["camera"]["transfer"],
             analogue_gain=decoded["analogue_gain"],
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise TapError(f"the daemon's picture holds no whole frame: {error}") from None
 
 
 def lens_told(camera: dict[str, Any]) -> Intrinsics | None:

@@ -20,9 +20,8 @@ from ledpi.core.wording import one_line
 from ledpi.daemon.tap.protocol import VERSION, Request
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
-from ledpi.pipeline.each_cell import class_given_others, classes_unread
 from ledpi.pipeline.output import decoded_as_json, state_as_json
-from ledpi.pipeline.trace import SquareTrace, Trace
+from ledpi.pipeline.trace import SquareTrace, Trace, class_given_others, classes_unread
 from ledpi.state.estimator import State
 from ledpi.wire.state_message import StateMessage
 

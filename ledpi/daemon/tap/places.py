@@ -10,7 +10,7 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 
 if TYPE_CHECKING:  # who only follows the tap loads no pydantic
     from ledpi.config.settings import Config
@@ -33,10 +33,8 @@ def to_serve(setting: str) -> Path:
     if folder := os.environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]:  # systemd has made it, with its mode
         return _short_enough(Path(folder) / NAME)
     path = _short_enough(_of_user()[0])
-    try:
+    with raising(f"tap.socket: {path.parent} cannot be made", ConfigError, OSError):
         path.parent.mkdir(mode=0o700, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"tap.socket: {path.parent} cannot be made: {error.strerror}") from None
     if not _is_own(path.parent):
         raise ConfigError(f"tap.socket: {path.parent} must be a folder of user {os.geteuid()} that no other may write")
     return path

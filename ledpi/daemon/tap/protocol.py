@@ -111,10 +111,7 @@ _VALUES: dict[str, tuple[Callable[[Any], bool], str]] = {
         lambda value: isinstance(value, list) and all(item in get_args(Extra) for item in value),
         f"a list of {', '.join(get_args(Extra))}",
     ),
-    "seconds": (
-        lambda value: value is None or _is_time(value),
-        f"a number from {MIN_SECONDS:g} to {MAX_SECONDS:g}",
-    ),
+    "seconds": (lambda value: value is None or _is_time(value), f"a number from {MIN_SECONDS:g} to {MAX_SECONDS:g}"),
     "name": (lambda value: value is None or _is_text(value), f"a text of {MAX_ID_LENGTH} characters at most"),
     "offset": (lambda value: _is_whole(value) and 0 <= value < 1 << 53, "a whole number from 0 on"),
     "t_ns": (lambda value: _is_whole(value) and 0 <= value < 1 << 63, "a whole number, of CLOCK_MONOTONIC in ns"),

@@ -20,7 +20,7 @@ from ledpi.core.wording import one_line
 from ledpi.daemon.tap import messages
 from ledpi.daemon.tap.commands import Command, Commands
 from ledpi.daemon.tap.crowd import Bell, Crowd, Listening
-from ledpi.daemon.tap.follower import Follower
+from ledpi.daemon.tap.follower import Follower, Kind
 from ledpi.daemon.tap.messages import Faults, Setup, Shown
 from ledpi.daemon.tap.protocol import AT_ONCE, Do, Extra, Request, error, write_line
 from ledpi.pipeline.trace import Trace
@@ -240,25 +240,25 @@ class Tap:
             if newest.pixels is not None:
                 self._answer_pictures(newest)
         if newest is not None:
-            line, missed = write_line(messages.decoded(newest)), newest.number - self._last - 1
-            self._last = newest.number
+            missed, self._last = newest.number - self._last - 1, newest.number
             for follower in self._crowd:
                 follower.dropped += missed
-                follower.show(line)
+            self._show_all("frame", messages.decoded(newest))
         state, self._state = self._state, None
         if state is not None:
-            line = write_line(state)
-            for follower in self._crowd:
-                follower.tell_state(line)
+            self._show_all("state", state)
         health, self._health = self._health, None
         if health is not None:
             taken, self._latency_ms = self._latency_ms, []
             latency = {"median": round(median(taken), 3), "worst": round(max(taken), 3)} if taken else None
             path = None if self._setup is None else self._setup.config_path
             own = {"latency_ms": latency, "faults": self._faults.kept(), "config_path": path}
-            line = write_line({"type": "health", **health, **own})
-            for follower in self._crowd:
-                follower.tell(line)
+            self._show_all("health", {"type": "health", **health, **own})
+
+    def _show_all(self, kind: Kind, values: dict[str, Any]) -> None:
+        line = write_line(values)
+        for follower in self._crowd:
+            follower.show(kind, line)
 
     def _answer_pictures(self, shown: Shown) -> None:
         """Sends this frame's to those who have read their last one."""

@@ -18,7 +18,7 @@ from typing_extensions import Self
 
 from ledpi import __version__
 from ledpi.core.errors import RecordingError
-from ledpi.core.files import not_written
+from ledpi.core.files import writing
 from ledpi.links.ros.contents import Message
 from ledpi.links.ros.types import definition, to_cdr
 
@@ -87,10 +87,8 @@ class McapWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        try:
+        with writing(self._path, RecordingError):
             yield
-        except OSError as error:
-            raise not_written(self._path, error, RecordingError) from None
 
     @contextmanager
     def _closing(self) -> Iterator[None]:

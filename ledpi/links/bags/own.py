@@ -17,7 +17,7 @@ from ledpi.camera.recording.format import (
 )
 from ledpi.core.dictionaries import is_file
 from ledpi.core.errors import LedpiError, RecordingError
-from ledpi.core.files import not_written, parse_json
+from ledpi.core.files import not_written, parse_json, writing
 from ledpi.core.wording import shortened
 from ledpi.links.bags.contents import FRAME, IMAGE, METADATA, TRUTH, Compressed, Text, checked
 from ledpi.links.bags.reading import Item
@@ -52,10 +52,8 @@ def _begin(out: Path, words: dict[str, str], path: Path) -> None:
     if HEADER_FILE not in words or any(not _is_name(name) for name in words):
         raise RecordingError(f"{path}: its metadata {METADATA} is not of a recording")
     _check_new(out)
-    try:
+    with writing(out, RecordingError):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise not_written(out, error, RecordingError) from None
     for name, text in words.items():
         _put(out / name, text.encode())
     try:
@@ -94,10 +92,8 @@ def _parsed(text: str, model: type[Line], path: Path) -> Line:
 
 
 def _put(path: Path, data: bytes) -> None:
-    try:
+    with writing(path.parent, RecordingError):
         path.parent.mkdir(exist_ok=True)
-    except OSError as error:
-        raise not_written(path.parent, error, RecordingError) from None
     with _File(path) as file:
         file.write(data)
 

@@ -250,10 +250,7 @@ def _header(stamp_ns: int, frame_id: str) -> Values:
 
 
 class RosStream:
-    """One daemon's lines, one after the other → messages: what a frame does not say is kept of other lines.
-
-    Knows neither clock nor connection.
-    """
+    """One daemon's lines → messages: what a frame does not say is kept of other lines. Pure."""
 
     def __init__(self, names: Names) -> None:
         self._names = names

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.camera.recording.still import still_camera
+from ledpi.camera.recording.picture import still_camera
 from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import ConfigError, PictureError
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, MarkerPose, Pixels
 from ledpi.core.wording import shortened
-from ledpi.pipeline.api.marker import Body, Fix, Marker, body_of, fix_of, marker_of
+from ledpi.pipeline.api.lens import Body, Fix, Marker, body_of, fix_of, marker_of
 from ledpi.pipeline.diagnosis.diagnose import not_read_in
 from ledpi.pipeline.diagnosis.why_not import WhyNot
 from ledpi.pipeline.pipeline import Pipeline, load_robot

@@ -29,8 +29,7 @@ from ledpi.pipeline.api.exposed import (
     checked_picture,
     override,
 )
-from ledpi.pipeline.api.lens import Lens
-from ledpi.pipeline.api.marker import Body, Fix, Marker
+from ledpi.pipeline.api.lens import Body, Fix, Lens, Marker
 from ledpi.pipeline.api.state import State, Whereabouts, whole_ns
 from ledpi.pipeline.diagnosis.drawing import DIMMED, Placed, draw_markers
 
@@ -234,10 +233,7 @@ class Reader(_Reading):
             return list(self._read.markers)
 
     def why_not(self, image: Image, *, row_time_us: float, exposure_us: float = EXPOSURE_US) -> list[Reason]:
-        """Explains what looks like a panel and is not reported, with what helps; panels first. Takes a second.
-
-        Arguments and errors are as for `read`.
-        """
+        """Explains what looks like a panel and is not reported, panels first; a second's work. Else as `read`."""
         with self._guard:
             picture = checked_picture(image)
             return self._decoder_of(picture, row_time_us, exposure_us).why_not(picture)
@@ -251,10 +247,7 @@ class Reader(_Reading):
         return self._decoder[1]
 
     def stream(self, *, row_time_us: float, exposure_us: float = EXPOSURE_US) -> Stream:
-        """For the pictures of one camera, one after another: they add up, so panels are read from further away.
-
-        Raises ConfigError for a time that no camera has.
-        """
+        """For one camera's pictures, in order: they add up, and read further. Raises ConfigError for times of none."""
         exposure = Exposure(row_time_us=row_time_us, exposure_us=exposure_us)
         check_exposure(self._panels, exposure)
         return Stream(self._panels, exposure)

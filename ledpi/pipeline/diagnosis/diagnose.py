@@ -21,8 +21,7 @@ from ledpi.core.records import Floats, Frame
 from ledpi.pipeline.diagnosis.look import FULL, Look, band_step, blur_of, look_at, side_px
 from ledpi.pipeline.diagnosis.reasons import SURE_NATS, Mistake, explained, mistake_of
 from ledpi.pipeline.diagnosis.what_if import Supposed, same_place
-from ledpi.pipeline.each_cell import classes_unread
-from ledpi.pipeline.trace import Trace
+from ledpi.pipeline.trace import Trace, classes_unread
 
 Kind = Literal["panel", "light", "shape"]  # what it surely is, what it may be: most lights and shapes are no panels
 _ORDER: tuple[Kind, ...] = ("panel", "light", "shape")

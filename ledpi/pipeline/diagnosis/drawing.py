@@ -52,10 +52,7 @@ def ascii_of(words: str) -> str:
 
 
 def _drawable(words: str) -> str:
-    """Each letter as this OpenCV has it.
-
-    A file's name may hold bytes that are no UTF-8; those would end OpenCV 5, and Python with it.
-    """
+    """Each letter as this OpenCV has it: a file's name may hold bytes that are no UTF-8, which end OpenCV 5."""
     return words.translate(_SPELLED).encode("utf-8", "replace").decode("utf-8")
 
 
@@ -64,13 +61,7 @@ def _font(bold: bool) -> int:
 
 
 def text(
-    canvas: Canvas,
-    words: str,
-    at: tuple[int, int],
-    *,
-    size: float = SIZE,
-    colour: Colour = TEXT,
-    bold: bool = False,
+    canvas: Canvas, words: str, at: tuple[int, int], *, size: float = SIZE, colour: Colour = TEXT, bold: bool = False
 ) -> None:
     """Words whose baseline begins at a pixel (x, y). ASCII, ± and µ are drawn by every OpenCV."""
     cv2.putText(canvas, _drawable(words), at, _font(bold), size, colour, 1, cv2.LINE_AA)

@@ -18,7 +18,7 @@ from ledpi.config.panels import PanelSettings
 from ledpi.core.codewords import Dictionary
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics, RowsFrom
-from ledpi.pipeline.diagnosis import other_frequencies, reasons
+from ledpi.pipeline.diagnosis import look, reasons
 from ledpi.pipeline.diagnosis.reasons import Mistake
 from ledpi.pipeline.pipeline import Pipeline
 
@@ -103,7 +103,7 @@ class WhatIf:
 
     def _retuned(self, frame: Frame, at: Floats) -> list[Supposed]:
         """The candidate (4, 2) at other frequencies."""
-        hz = other_frequencies.propose(frame, at, self._dictionary, self._lens)
+        hz = look.propose(frame, at, self._dictionary, self._lens)
         if hz is None or self._panels.phase != "free":
             return []
         black_hz, white_hz = hz

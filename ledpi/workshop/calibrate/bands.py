@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,25 +197,10 @@ def _nearest(panel: PanelLight, cells: Bits, frequency_hz: float, cycles_per_row
 
 def _mean_of(parts: Sequence[ClassBands]) -> ClassBands:
     """Averages an oscillator that wanders: means over the parts, and the deviation that wandering leaves to theirs."""
-    count = len(parts)
-    frequencies = np.array([p.frequency_hz for p in parts])
-
-    def mean(name: str) -> float:
-        return float(np.mean([getattr(p, name) for p in parts]))
-
-    wander = float(frequencies.std(ddof=1))
-    return ClassBands(
-        frequency_hz=float(frequencies.mean()),
-        frequency_sigma_hz=wander / math.sqrt(count),
-        cycles_per_row=mean("cycles_per_row"),
-        cycles_per_row_sigma=mean("cycles_per_row_sigma") / math.sqrt(count),
-        amplitude=mean("amplitude"),
-        amplitude_sigma=mean("amplitude_sigma") / math.sqrt(count),
-        second=mean("second"),
-        second_sigma=mean("second_sigma") / math.sqrt(count),
-        periods=mean("periods"),
-        wander_hz=wander,
-    )
+    root, wander = math.sqrt(len(parts)), float(np.std([p.frequency_hz for p in parts], ddof=1))
+    means = {f.name: float(np.mean([getattr(p, f.name) for p in parts])) for f in fields(ClassBands)}
+    means |= {name: means[name] / root for name in ("cycles_per_row_sigma", "amplitude_sigma", "second_sigma")}
+    return ClassBands(**means | {"frequency_sigma_hz": wander / root, "wander_hz": wander})
 
 
 def _measure_class(panel: PanelLight, cells: Bits, frequency_hz: float, cycles_per_row: float) -> ClassBands:
@@ -256,14 +241,7 @@ def _design(seconds: Floats, rows: Floats, wave: Floats, harmonics: Floats, weig
         * ((harmonics[0] + 1j * harmonics[1]) * first + 2 * (harmonics[2] + 1j * harmonics[3]) * second).imag
     )
     design = np.stack(
-        [
-            first.real,
-            -first.imag,
-            second.real,
-            -second.imag,
-            of_cycles * seconds[:, None],
-            of_cycles * rows,
-        ]
+        [first.real, -first.imag, second.real, -second.imag, of_cycles * seconds[:, None], of_cycles * rows]
     )
     share = weight / weight.sum()
     design -= design.mean(axis=1, keepdims=True)

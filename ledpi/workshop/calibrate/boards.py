@@ -148,10 +148,7 @@ def _layout_fit(board: Board, corners_px: Floats, ids: NDArray[np.int64]) -> tup
 
 
 def find_board(name: str, picture: Pixels, board: Board) -> BoardView | None:
-    """The board in a grey picture, or None.
-
-    A chessboard must be seen whole; of a ChArUco board a part is enough, as its markers tell the corners apart.
-    """
+    """The board in a grey picture, if it is there: a chessboard whole, of a ChArUco board a part is enough."""
     if board.kind == Kind.CHARUCO:
         return _find_charuco(name, picture, board)
     # OpenCV's sector-based detector: on 36 webcam photographs it leaves 0.11 px of rms where the classic one with

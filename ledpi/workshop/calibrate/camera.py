@@ -164,10 +164,7 @@ def parameters(lens: Intrinsics) -> tuple[str, ...]:
 
 
 def _drop_outliers(views: Sequence[BoardView], fitted: Callable[[Sequence[BoardView]], _Fit]) -> _Kept:
-    """The views that agree, those that do not, and the fit to the former.
-
-    One view at a time, because a bad one spoils the errors of the good ones as well.
-    """
+    """The views that agree, the others, worst first, and the fit; one at a time, as a bad one spoils the good."""
     kept = list(views)
     dropped: list[ViewError] = []
     while len(kept) >= MIN_VIEWS:
@@ -216,11 +213,7 @@ class _Fit:
 
 
 def _fit(
-    views: Sequence[BoardView],
-    board: Board,
-    size: tuple[int, int],
-    flags: int,
-    model: DistortionModel = "plumb_bob",
+    views: Sequence[BoardView], board: Board, size: tuple[int, int], flags: int, model: DistortionModel = "plumb_bob"
 ) -> _Fit:
     """One run of OpenCV's (Zhang's) calibration. Raises CalibrationError where there is no solution."""
     corners = board.corners().astype(np.float32)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ledpi.config.mistakes import SECRET
-from ledpi.core.errors import CalibrationError, LedpiError
+from ledpi.core.errors import CalibrationError
 from ledpi.core.files import (
     locked,
     not_written,
@@ -23,6 +23,7 @@ from ledpi.core.files import (
     remove_unfinished,
     sync_folder,
     write_beside,
+    writing,
 )
 
 PICTURE_SUFFIX = ".png"
@@ -43,16 +44,11 @@ def check_with_picture(path: Path) -> None:
 
 
 def check_writable(*files: Path) -> None:
-    """Raises CalibrationError where one of `files` cannot be written.
-
-    For what takes long to measure: that would be lost at its end.
-    """
+    """Raises CalibrationError where one of `files` cannot be written: before the long work, not after it."""
     for file in files:
         _check_is_file(file)
-        try:
+        with writing(file, CalibrationError):
             write_beside(followed(file), b"").unlink(missing_ok=True)
-        except OSError as error:
-            raise _refused(file, error) from None
 
 
 def picture_beside(path: Path) -> Path:
@@ -76,10 +72,8 @@ def write_keeping_old(path: Path, content: str | bytes, *, mode: int = 0o666) ->
 def changing(path: Path) -> Iterator[None]:
     """Lets nobody else change `path`, who asks, too. Raises CalibrationError where somebody does for long."""
     with contextlib.ExitStack() as held:
-        try:
+        with writing(path, CalibrationError):
             held.enter_context(locked(followed(path).parent))
-        except OSError as error:
-            raise _refused(path, error) from None
         yield
 
 
@@ -96,7 +90,7 @@ def write_locked(path: Path, content: str | bytes, *, mode: int = 0o666) -> Path
         kept = _keep(real, path) if real.exists() else None
         put_in_place(fresh, real)
     except OSError as error:
-        raise _refused(path, error) from None
+        raise not_written(path, error, CalibrationError) from None
     finally:
         if fresh is not None:
             _forget(fresh)
@@ -122,10 +116,6 @@ def _check_is_file(path: Path) -> None:
     if path.exists() and not path.is_file():
         what = "a folder" if path.is_dir() else "no file but a device, or the like, which must not be renamed"
         raise CalibrationError(f"{path}: is {what}; must be the file to write")
-
-
-def _refused(path: Path, error: OSError) -> LedpiError:
-    return not_written(path, error, CalibrationError)
 
 
 def _forget(fresh: Path) -> None:
@@ -161,11 +151,6 @@ def _kept_numbers(path: Path) -> Iterator[int]:
         number = kept.name.rpartition("-")[2]
         if number.isascii() and number.isdigit() and len(number) < 10:
             yield int(number)
-
-
-def check_changeable(*files: Path) -> None:
-    """Raises CalibrationError where `change_config` cannot write one of `files`: before the long work, not after it."""
-    check_writable(*files)
 
 
 def change_config(path: Path, changes: Mapping[Key, Any], check: Callable[[], None] = lambda: None) -> Path | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,15 +60,13 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
         camera, ratio = RecordingCamera(recording, paced=False), recording.row_time_ratio
     else:
         camera = open_camera(config, paced=kind != "simulated")
-    try:
+    with closing(camera):
         settle_gain(camera, config.panels)
         frames = []
         for frame in _read(camera, count):
             frames.append(frame)
             advance(1)
         intrinsics = lens_of(camera.info, config.camera.intrinsics)
-    finally:
-        camera.close()
     take = longest_take(frames)
     if len(take) < MIN_FRAMES:
         raise CalibrationError(f"{source}: {len(take)} usable frames in a row; at least {MIN_FRAMES} are needed")
@@ -135,7 +134,8 @@ def collect_views(
     try:
         while (wanted := collection.missing()) is not None:
             text = f"{len(collection.views)} views; {NO_BOARD + other if blind > BLIND_FRAMES else wanted}"
-            said = _say_news(text, said, say)
+            if text != said:
+                say(said := text)
             frame = camera.read(np.empty((collection.height, collection.width), np.uint8))
             if frame is None:
                 break
@@ -163,13 +163,6 @@ def collect_views(
         info = camera.info
         camera.close()
     return collection, info
-
-
-def _say_news(text: str, said: str, say: Callable[[str], None]) -> str:
-    """Says what was not said last; what was said last now."""
-    if text != said:
-        say(text)
-    return text
 
 
 def _seen_instead(frame: Frame, board: Board) -> str:

@@ -10,7 +10,7 @@ from ledpi.config.settings import SEARCH_PATH, Config, SerialSettings
 from ledpi.core.codewords import format_ranges
 from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted, one_line
-from ledpi.workshop.doctor import camera, machine, outputs, ports, running, speed
+from ledpi.workshop.doctor import camera, machine, outputs, ports, running
 from ledpi.workshop.doctor.finding import Finding, bad, ok, unknown
 
 
@@ -60,7 +60,7 @@ def examine(config: Config, *, is_given: bool = True) -> Iterator[Finding]:
     yield machine.clock()
     yield machine.throttling()
     if tap is None:  # a daemon that runs says itself whether it keeps up
-        yield speed.speed(config)
+        yield camera.speed(config)
 
 
 def _to_its_end(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Results: a folder of rows that grows run by run, its tables and its page.
+"""Results: a folder of rows that grows run by run, its tables, its page, and plots as the paper's Figure 12.
 
 settings.json says what was asked for, units.jsonl holds a line for each unit that is finished.
 """
@@ -6,21 +6,106 @@ settings.json says what was asked for, units.jsonl holds a line for each unit th
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
 import os
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 import ledpi
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.core.wording import install_command
-from ledpi.workshop.evaluate.plots import LABELS, draw_rates, has_matplotlib
-from ledpi.workshop.evaluate.table import PLAIN, TableRow, write_csv
+from ledpi.workshop.evaluate.table import PAPER_ANGLES_AT_M, PLAIN, TableRow, write_csv
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+LABELS = {
+    "ledpi": "ledpi",
+    "oracle": "true corners given",
+    "uemura": "uemura (the paper's method)",
+    "likelihood": "likelihood, one frame",
+    "stream_4": "likelihood, 4th frame of a stream",
+    "stream_12": "likelihood, 12th frame",
+    "stream_all": "likelihood, every frame of a stream",
+    "aruco": "printed ArUco, OpenCV",
+    "apriltag": "printed AprilTag",
+}
+_STYLES = {
+    "uemura": ("tab:brown", "v:"),
+    "likelihood": ("tab:blue", "o-"),
+    "stream_4": ("tab:cyan", "s-"),
+    "stream_12": ("tab:green", "D-"),
+    "aruco": ("tab:red", "^--"),
+    "apriltag": ("tab:orange", "x--"),
+}
+# All that the paper prints of its Figure 12 as numbers, in its section 5.3: (from, to, per cent).
+_PAPER_DISTANCE, _PAPER_ANGLE = (0.6, 0.8, 43.0), (-20.0, 20.0, 40.0)
+
+
+def has_matplotlib() -> bool:
+    """Tells whether plots can be drawn (an optional extra)."""
+    return importlib.util.find_spec("matplotlib") is not None
+
+
+def draw_rates(rows: Sequence[TableRow], path: Path) -> None:
+    """Rate against distance and against angle, of rows of one exposure and tone, as one picture."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    plain = [r for r in rows if r.case == PLAIN and r.distance_m is not None and r.rate is not None]
+    figure = Figure(figsize=(13, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    by_distance, by_angle = figure.subplots(1, 2)
+    _plot(by_distance, [r for r in plain if r.angle_deg == 0], "distance_m")
+    _quote(by_distance, _PAPER_DISTANCE, "the paper:\n“over 43 %”")
+    by_distance.set_xscale("log")
+    shown = sorted({r.distance_m for r in plain if r.angle_deg == 0 and r.distance_m is not None})
+    by_distance.set_xticks(shown, [f"{d:g}" for d in shown], fontsize=8, rotation=45)
+    by_distance.set_xticks([], minor=True)
+    by_distance.set_xlabel("distance, m")
+    _plot(by_angle, [r for r in plain if r.distance_m == PAPER_ANGLES_AT_M], "angle_deg")
+    _quote(by_angle, _PAPER_ANGLE, "the paper: “above 40 %”")
+    by_angle.set_xlabel(f"angle to the line of sight at {PAPER_ANGLES_AT_M:g} m, degrees")
+    handles, labels = by_distance.get_legend_handles_labels()
+    figure.legend(handles, labels, fontsize=9, loc="outside lower center", ncols=len(labels), frameon=False)
+    figure.savefig(path, dpi=110, metadata={"Software": None})
+
+
+def _plot(axes: Axes, rows: Sequence[TableRow], across: str) -> None:
+    """One line a method, with 95 % intervals."""
+    for method, (colour, style) in _STYLES.items():
+        own = sorted((r for r in rows if r.method == method), key=lambda r: float(getattr(r, across)))
+        if own:
+            rates = [100 * (r.rate or 0) for r in own]
+            down = [rate - 100 * (r.rate_low or 0) for rate, r in zip(rates, own, strict=True)]
+            up = [100 * (r.rate_high or 0) - rate for rate, r in zip(rates, own, strict=True)]
+            at = [getattr(r, across) for r in own]
+            axes.errorbar(at, rates, (down, up), fmt=style, color=colour, label=LABELS[method], capsize=2, lw=1.2, ms=4)
+    axes.set_ylim(-3, 103)
+    axes.set_ylabel("recognised, %")
+    axes.grid(alpha=0.3)
+
+
+def _quote(axes: Axes, quoted: tuple[float, float, float], text: str) -> None:
+    first, last, percent = quoted
+    axes.plot([first, last], [percent, percent], color="black", lw=3)
+    axes.annotate(
+        text,
+        ((first * last) ** 0.5 if first > 0 else (first + last) / 2, percent),
+        (0, -4),
+        fontsize=9,
+        textcoords="offset points",
+        ha="center",
+        va="top",
+    )
+
 
 SETTINGS_FILE, UNITS_FILE = "settings.json", "units.jsonl"
 SOURCES = (".py", ".c", ".h")
@@ -53,12 +138,10 @@ class ResultsFolder:
     def __init__(self, path: Path, settings: dict[str, Any]) -> None:
         self.path = path
         self.finished: dict[str, dict[str, Any]] = {}  # records by their unit's key
-        try:
+        with raising(f"--out {path}: cannot be used", ConfigError, OSError):
             path.mkdir(parents=True, exist_ok=True)
             self._claim(json.loads(json.dumps(settings)))  # as it comes back from the file
             self._read_units()
-        except OSError as error:
-            raise ConfigError(f"--out {path}: cannot be used: {error.strerror}") from None
 
     def add(self, record: dict[str, Any]) -> None:
         """Keeps a finished unit's record, also when the run ends with the next breath."""
@@ -196,12 +279,7 @@ def _where(row: TableRow) -> str:
 
 
 def _errors(row: TableRow) -> str:
-    values = [
-        (row.corner_px, "px"),
-        (row.position_percent, "%"),
-        (row.angle_error_deg, "°"),
-        (row.decode_ms, "ms"),
-    ]
+    values = [(row.corner_px, "px"), (row.position_percent, "%"), (row.angle_error_deg, "°"), (row.decode_ms, "ms")]
     return ", ".join("–" if value is None else f"{value:.2g} {unit}".replace(" °", "°") for value, unit in values)
 
 

@@ -57,11 +57,7 @@ class PanelReader:
     """The path of the daemon, from the picture to the pose."""
 
     def __init__(
-        self,
-        method: PanelMethod,
-        camera: CameraInfo,
-        panels: PanelSettings,
-        source_panel: PanelValues | None = None,
+        self, method: PanelMethod, camera: CameraInfo, panels: PanelSettings, source_panel: PanelValues | None = None
     ) -> None:
         self._pipeline = Pipeline(
             camera,

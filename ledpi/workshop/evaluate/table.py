@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from statistics import NormalDist, median
+from typing import Any
 
 from ledpi.workshop.evaluate.scoring import Tally
 
@@ -60,38 +61,21 @@ class TableRow:
     false: tuple[str, ...]
 
 
-def table_row(
-    tally: Tally,
-    *,
-    suite: str,
-    case: str,
-    distance_m: float | None,
-    angle_deg: float | None,
-    exposure_us: float,
-    transfer: str,
-    any_roll: bool | None,
-    method: str,
-) -> TableRow:
-    """The interval counts trials, not frames: frames of one take share its place, room and noise of the sensor."""
+def table_row(tally: Tally, *, any_roll: bool | None, **condition: Any) -> TableRow:
+    """One of the condition: suite, case, distance_m, angle_deg, exposure_us, transfer and method.
+
+    The interval counts trials, not frames: frames of one take share its place, room and noise of the sensor.
+    """
     rate = tally.recognised / tally.expected if tally.expected else None
     low, high = wilson(rate * tally.trials, tally.trials) if rate is not None else (None, None)
+    counts = {name: getattr(tally, name) for name in ("frames", "trials", "expected", "recognised", "false_ids")}
     return TableRow(
-        suite=suite,
-        case=case,
-        distance_m=distance_m,
-        angle_deg=angle_deg,
-        exposure_us=exposure_us,
-        transfer=transfer,
+        **condition,
+        **counts,
         roll="" if any_roll is None else "any" if any_roll else "upright",
-        method=method,
-        frames=tally.frames,
-        trials=tally.trials,
-        expected=tally.expected,
-        recognised=tally.recognised,
         rate=rate,
         rate_low=low,
         rate_high=high,
-        false_ids=tally.false_ids,
         corner_px=_median(tally.corner_px),
         position_percent=_median(tally.position_percent),
         angle_error_deg=_median(tally.angle_deg),

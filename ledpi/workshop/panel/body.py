@@ -86,8 +86,9 @@ class Body:
 
     @property
     def led_mm(self) -> float:
-        """Diameter of the LEDs that there is room for."""
-        return _led_mm(self.pitch_mm, self.leds)
+        """Diameter of the LEDs that there is room for; 0 where there is none."""
+        room_mm = self.pitch_mm / _leds_across(self.leds) - _LED_ROOM_MM
+        return next((led_mm for led_mm in _LEDS_MM if led_mm <= room_mm), 0.0)
 
     def led_offsets_mm(self) -> list[tuple[float, float]]:
         """Returns where a cell's LEDs sit, from its centre, in the order of the string, **as seen from the back**."""
@@ -106,11 +107,6 @@ class Body:
 
 def _leds_across(leds: int) -> int:
     return math.ceil(math.sqrt(leds))
-
-
-def _led_mm(pitch_mm: float, leds: int) -> float:
-    """0 where there is no room."""
-    return next((led for led in _LEDS_MM if pitch_mm / _leds_across(leds) >= led + _LED_ROOM_MM), 0.0)
 
 
 def front_dxf(body: Body) -> str:

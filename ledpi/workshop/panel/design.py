@@ -92,10 +92,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """A pair of frequencies with a frame period, and what it tells: nats a cell, by distance.
-
-    An antiphase panel is a pair of one frequency twice.
-    """
+    """A pair of frequencies, or one twice (antiphase), with a frame period, and the nats of a cell, by distance."""
 
     black_hz: float
     white_hz: float

@@ -19,14 +19,9 @@ _BLACK, _WHITE = "tab:blue", "tab:orange"  # as the snapshot draws the classes
 _MAX_NULLS = 40  # that are marked: more would be a grey area
 
 
-def draw_contrast(task: Task, chosen: Proposal, path: Path) -> None:
-    """`contrast_figure` as a picture file."""
-    contrast_figure(task, chosen).savefig(path, dpi=110, metadata={"Software": None})
-
-
-def draw_reach(rows: Sequence[tuple[str, Proposal, Reach]], path: Path) -> None:
-    """`reach_figure` as a picture file."""
-    reach_figure(rows).savefig(path, dpi=110, metadata={"Software": None})
+def save(figure: Figure, path: Path) -> None:
+    """Writes it as a picture file."""
+    figure.savefig(path, dpi=110, metadata={"Software": None})
 
 
 def contrast_figure(task: Task, chosen: Proposal) -> Figure:

@@ -11,7 +11,7 @@ from pathlib import Path
 from string import Template
 
 from ledpi.core.codewords import Bits, Dictionary, format_ranges
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.core.records import PanelSpec, Phase
 from ledpi.core.wording import StrEnum
 from ledpi.workshop.calibrate.panel import SAME_DUTY
@@ -75,11 +75,9 @@ def plan_firmware(
     `duty_key` is where the configuration has the duty from; a duty that was measured is off a half by noise.
     `exposure_us` is what the sensor really does, whole rows; `scan_time_s` is the time in which it reads them all.
     """
-    try:
+    with raising("--id", ConfigError):
         dictionary.check_readable(marker_id, spec.phase)
         codeword = dictionary.codeword(marker_id)
-    except ValueError as error:
-        raise ConfigError(f"--id: {error}") from None
     if build is Build.SIXTEEN_CELLS and codeword.size != SINGLE_CELLS:
         raise ConfigError(
             f"--build {build}: drives 4 × 4 cells, {dictionary.name} has {codeword.size}; must be {Build.TWO_OUTPUTS}, "
@@ -102,10 +100,8 @@ def plan_firmware(
 def _half_period(key: str, hz: float, exposure_us: float) -> HalfPeriod:
     if hz <= MAX_HZ:
         _check_frequency(key, hz, exposure_us)
-    try:
+    with raising(key, ConfigError):
         return half_period(hz)
-    except ValueError as error:
-        raise ConfigError(f"{key}: {error}") from None
 
 
 def _check_frequency(key: str, hz: float, exposure_us: float) -> None:
@@ -228,14 +224,12 @@ def write_firmware(firmware: Firmware, out: Path) -> None:
     sources = files("ledpi.workshop.panel") / "sources"
     texts = {name: (sources / name).read_text(encoding="utf-8") for name in (firmware.build.source, "Makefile")}
     texts |= {"settings.h": settings_text(firmware), "README.md": readme_text(firmware)}
-    try:
+    with raising(f"--out {out}: cannot be written", ConfigError, OSError):
         if out.is_dir() and any(out.iterdir()):
             raise ConfigError(f"--out {out}: is not empty; must be a new or an empty folder")
         out.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
 
 
 def missing_tools() -> tuple[str, ...]:

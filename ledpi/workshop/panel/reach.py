@@ -33,12 +33,7 @@ _NEAREST_SHARE = 0.05  # of the farthest; nearer than that all pairs are read
 
 
 def chance_of_reading(
-    evidence: Evidence,
-    codebook: Codebook,
-    depths: tuple[float, float],
-    false_id_rate: float,
-    *,
-    draws: int,
+    evidence: Evidence, codebook: Codebook, depths: tuple[float, float], false_id_rate: float, *, draws: int
 ) -> float:
     """The share of draws (ID, phases, noise) that are read as what they are; `depths` as in `separation_nats`."""
     rng = np.random.default_rng(0)

@@ -7,14 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ledpi.core.codewords import Dictionary
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, raising
 from ledpi.core.records import PanelSpec
 from ledpi.workshop.panel.body import Body, back_dxf, front_dxf, walls_dxf, walls_stl
 from ledpi.workshop.panel.circuit import OUTPUTS, Circuit, PinCircuit, ohm_text
 from ledpi.workshop.panel.paper import MARGIN_MM, Page, write_pdf, write_svg
 from ledpi.workshop.panel.schematic import GATE_OHM, PULL_DOWN_OHM, SIZE_MM, draw_pins_schematic, draw_schematic
-from ledpi.workshop.panel.sheet_parts import draw_section, draw_wall, electrics, parts
-from ledpi.workshop.panel.sheet_pins import draw_pins_back, draw_pins_front, pin_electrics, pin_parts
+from ledpi.workshop.panel.sheet_parts import (
+    draw_pins_back,
+    draw_pins_front,
+    draw_section,
+    draw_wall,
+    electrics,
+    parts,
+    pin_electrics,
+    pin_parts,
+)
 from ledpi.workshop.panel.sheet_views import View, draw_back, draw_front, scaled_view, tile_count, true_views
 
 _MAX_PARTS = 30  # that a panel is put together from
@@ -68,7 +76,7 @@ def write_sheet(sheet: Sheet, out: Path) -> Path:
     """
     pages = sheet_pages(sheet)
     path = out / f"panel-{sheet.marker_id}.pdf"
-    try:
+    with raising(f"--out {out}: cannot be written", ConfigError, OSError):
         out.mkdir(parents=True, exist_ok=True)
         write_pdf([page for _, page in pages], path)
         for name, page in pages:
@@ -76,8 +84,6 @@ def write_sheet(sheet: Sheet, out: Path) -> Path:
         for part, dxf in (("front", front_dxf), ("back", back_dxf), ("walls", walls_dxf)):
             (out / f"panel-{sheet.marker_id}-{part}.dxf").write_text(dxf(sheet.body), encoding="ascii")
         (out / f"panel-{sheet.marker_id}-walls.stl").write_bytes(walls_stl(sheet.body))
-    except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
     return path
 
 

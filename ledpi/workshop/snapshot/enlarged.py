@@ -25,7 +25,7 @@ from ledpi.pipeline.diagnosis.drawing import (
     text,
     text_size,
 )
-from ledpi.workshop.snapshot.record import Snapshot
+from ledpi.workshop.snapshot.sources import Snapshot
 
 TILE, GAP = 180, 15
 TITLE, CAPTION = 26, 24  # heights of the lines above and below the tiles
@@ -116,10 +116,7 @@ def bands_tile(samples: CellSamples, size: int = TILE) -> tuple[Pixels, float]:
 
 
 def bands_of(samples: CellSamples) -> Floats:
-    """(cells, points) light over the static picture, less one: a cell's own mean times the profile that all share.
-
-    0 where a sample is not valid.
-    """
+    """(cells, points) light over a cell's mean times the profile that all share, less one; 0 where not valid."""
     valid = np.ones(samples.light.shape, bool) if samples.valid is None else samples.valid
     light = np.where(valid, samples.light, 0.0).astype(np.float64)
     light /= light.sum(axis=1, keepdims=True) / valid.sum(axis=1, keepdims=True)

@@ -32,7 +32,7 @@ from ledpi.pipeline.diagnosis.drawing import (
 )
 from ledpi.pipeline.diagnosis.why_not import Why
 from ledpi.workshop.snapshot import enlarged
-from ledpi.workshop.snapshot.record import Snapshot
+from ledpi.workshop.snapshot.sources import Snapshot
 
 # Two columns; in pixels.
 BORDER, GUTTER = 20, 20

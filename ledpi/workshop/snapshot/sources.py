@@ -1,25 +1,77 @@
-"""A frame that shows a panel: of a camera, or of the running daemon."""
+"""A frame that shows a panel, of a camera or of the running daemon, and what was made of it."""
 
 from __future__ import annotations
 
 import itertools
 import time
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ledpi.camera.base import Camera, GainFollower
+from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
+from ledpi.core.codewords import Bits
 from ledpi.core.errors import CameraError, TapError
-from ledpi.core.records import CameraInfo, Frame, Intrinsics, Rejected
+from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, Rejected, RowsFrom
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.daemon.tap.frames import camera_of, frame_of
-from ledpi.pipeline.diagnosis.why_not import RUN_FRAMES
+from ledpi.pipeline.diagnosis.diagnose import not_read_in
+from ledpi.pipeline.diagnosis.why_not import RUN_FRAMES, Why, WhyNot
 from ledpi.pipeline.pipeline import Pipeline, load_robot
+from ledpi.pipeline.trace import Dropped, Trace
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Snapshot:
+    """One frame and what was made of it."""
+
+    title: str  # ASCII
+    frame: Frame
+    decoded: Decoded
+    trace: Trace
+    panels: PanelSettings
+    intrinsics: Intrinsics | None
+
+    @property
+    def dropped(self) -> list[Dropped]:
+        """Lists what was four-sided and no panel."""
+        return self.trace.dropped
+
+    def codeword(self, marker_id: int) -> Bits:
+        """The cells of an ID, upright."""
+        return self.panels.words.codeword(marker_id)
+
+
+def take(title: str, frame: Frame, pipeline: Pipeline, intrinsics: Intrinsics | None) -> Snapshot:
+    """Decodes a frame, and keeps what it went through."""
+    trace = Trace()
+    decoded = pipeline.decode(frame, trace)
+    return Snapshot(
+        title=title, frame=frame, decoded=decoded, trace=trace, panels=pipeline.panels, intrinsics=intrinsics
+    )
+
+
+def explain(snapshot: Snapshot, rows_from: RowsFrom = "above", run: Sequence[Frame] = ()) -> Why:
+    """Why panels are not read in it. `run`: frames of its stream about it. Takes a second or two."""
+    frame = snapshot.frame
+    height, width = frame.pixels.shape
+    camera = CameraInfo(
+        width=width,
+        height=height,
+        exposure_us=frame.exposure_us,
+        row_time_us=frame.row_time_us,
+        transfer=frame.transfer,
+        rows_from=rows_from,
+    )
+    read_px = [marker.detection.corners_px for marker in snapshot.decoded.markers]
+    why_not = WhyNot(camera, snapshot.panels, snapshot.intrinsics)
+    return why_not.explain(frame, not_read_in(snapshot.trace), read_px, run)
+
 
 EXPOSE_S = 4.0  # twice what the gain's sweep takes
 LOOK_FRAMES = 30  # half a second of a camera

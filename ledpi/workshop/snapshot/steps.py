@@ -27,11 +27,10 @@ from ledpi.pipeline.diagnosis.drawing import (
     text,
     text_size,
 )
-from ledpi.pipeline.each_cell import class_alone, class_given_others
-from ledpi.pipeline.trace import SquareTrace
+from ledpi.pipeline.trace import SquareTrace, class_alone, class_given_others
 from ledpi.workshop.snapshot.enlarged import View, bands_tile, blank, cells_tile, view_of
 from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH, draw_heading
-from ledpi.workshop.snapshot.record import Snapshot
+from ledpi.workshop.snapshot.sources import Snapshot
 
 GAP = 16
 
@@ -145,7 +144,9 @@ def _evidence(nats: Floats, size: int) -> Canvas:
 def uemura_rows(snapshot: Snapshot) -> list[Row]:
     """(a) to (d), and (e) to (g) with what came of it; around the panels that were read, else around all squares."""
     frame = snapshot.frame
-    steps = _most_telling(snapshot.trace.uemura)
+    # Of each pair of frequencies, those under which most was read.
+    steps = max(snapshot.trace.uemura, key=lambda of: sum(isinstance(s.result, Detection) for s in of.squares))
+    averaged = np.round(local_mean(frame.pixels, steps.widths_rows)).astype(np.uint8)
     read = [square.framed_px for square in steps.squares if isinstance(square.result, Detection)]
     squares = [square.framed_px for square in steps.squares]
     view = view_of(read or squares, frame.pixels.shape, tile_width(4))
@@ -154,7 +155,7 @@ def uemura_rows(snapshot: Snapshot) -> list[Row]:
         Row(
             title="From the frame to the class of each band",
             tiles=(
-                Tile(label="(a) to the eye: bands averaged", picture=view.crop(_average_bands(frame.pixels, steps))),
+                Tile(label="(a) to the eye: bands averaged", picture=view.crop(averaged)),
                 Tile(label="(b) as captured", picture=view.crop(frame.pixels)),
                 Tile(label="(c) brighter than the local mean", picture=view.crop(steps.lit)),
                 Tile(label=f"(d) nearer {black:.1f} rows, or {white:.1f}", picture=view.crop(_classes(steps))),
@@ -170,15 +171,6 @@ def uemura_rows(snapshot: Snapshot) -> list[Row]:
             ),
         ),
     ]
-
-
-def _most_telling(of_each_pair: list[Steps]) -> Steps:
-    """The steps for the pair of frequencies under which most was read."""
-    return max(of_each_pair, key=lambda steps: sum(isinstance(s.result, Detection) for s in steps.squares))
-
-
-def _average_bands(pixels: Pixels, steps: Steps) -> Pixels:
-    return np.round(local_mean(pixels, steps.widths_rows)).astype(np.uint8)
 
 
 def _classes(steps: Steps) -> Canvas:

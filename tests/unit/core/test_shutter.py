@@ -15,7 +15,6 @@ from ledpi.core.shutter import (
     phase_advance_cycles,
     row_mid_exposure_ns,
     row_weights,
-    square_wave_bands,
 )
 
 SAMPLES = 10_000
@@ -99,20 +98,6 @@ def test_harmonics_are_those_of_the_integrated_wave(exposure_cycles: float, duty
         expected = 2 * spectrum[harmonic] / spectrum[0]
         amplitude = harmonic_amplitude(harmonic, exposure_cycles * 1000, 1000, duty)
         assert amplitude == pytest.approx(expected, abs=5e-4)
-
-
-@pytest.mark.parametrize(("exposure_cycles", "duty"), [(0.163, 0.5), (0.4, 0.3), (1.37, 0.5), (12.459, 0.5)])
-def test_bands_are_the_integrated_wave_by_its_fundamentals_phase(exposure_cycles: float, duty: float) -> None:
-    """The wave less its mean, turned so that its fundamental is a cosine of amplitude 1."""
-    phases = 400
-    wave = integrated_wave(exposure_cycles, duty, phases=phases)
-    relative = wave / wave.mean() - 1
-    first = np.fft.rfft(relative)[1] / (phases / 2)
-    cycles = np.arange(phases) / phases + np.angle(first) / (2 * np.pi)
-    bands, later = square_wave_bands(cycles, exposure_cycles * 1000, 1000, duty)
-    np.testing.assert_allclose(bands, relative / abs(first), atol=0.03)
-    by_step = (np.roll(bands, 1) - np.roll(bands, -1)) / (2 * 2 * np.pi / phases)
-    assert np.mean(np.abs(later - by_step) < 0.02) > 0.97  # all but the steps of the derivative
 
 
 def test_band_width_by_hand() -> None:

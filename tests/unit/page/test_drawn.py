@@ -16,8 +16,7 @@ from ledpi.core.geometry import quaternion_from_matrix
 from ledpi.daemon.tap.frames import not_read_of
 from ledpi.page.encode import amplified, as_jpeg, as_png, focus, histogram
 from ledpi.page.lines import check_line
-from ledpi.page.overlay import drawn, drawn_reasons
-from ledpi.page.panels import PanelTable, panels_from_above, robot_from_above
+from ledpi.page.panels import PanelTable, drawn, drawn_reasons, panels_from_above, robot_from_above
 from ledpi.page.server import FILES
 from ledpi.pipeline.diagnosis.diagnose import Diagnosis
 from tests.builders import ROOT

@@ -8,7 +8,7 @@ from ledpi.core.records import Rejected
 from ledpi.state.clock import UNKNOWN
 from ledpi.state.inputs import Odometry
 from ledpi.wire import OdometryMessage, TimeAnswer
-from ledpi.wire.controller import UNASKED, Controller
+from ledpi.wire.keeper import UNASKED, Controller
 
 MS = 1_000_000
 AHEAD_US = 0xFFFF0000  # of its clock: it wraps after 65 ms

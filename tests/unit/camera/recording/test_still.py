@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.camera.recording.still import read_still
+from ledpi.camera.recording.picture import read_still
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo
 

@@ -21,7 +21,7 @@ from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.core.geometry import quaternion_from_matrix
 from ledpi.core.records import Detection, Floats, MarkerPose, Pixels, PlanarSolution, Pose
 from ledpi.pipeline.api.exposed import checked_picture
-from ledpi.pipeline.api.marker import Marker, marker_of
+from ledpi.pipeline.api.lens import Marker, marker_of
 from tests.builders.api import INTRINSICS, LENS, ROW_TIME_US, pictures
 
 NEAR_M, FAR_M = 1.0, 3.0  # FAR_M takes more than one picture

@@ -8,7 +8,7 @@ from ledpi.camera.simulated import simulated_sensor
 from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES
 from ledpi.config.settings import Config, load_config
 from ledpi.core.shutter import phase_advance_cycles
-from ledpi.workshop.doctor.speed import IN_VIEW, finding_of, measured_ms, speed
+from ledpi.workshop.doctor.camera import IN_VIEW, finding_of, measured_ms, speed
 
 
 def config_of(*settings: str) -> Config:

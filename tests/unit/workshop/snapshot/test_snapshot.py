@@ -24,7 +24,7 @@ from ledpi.pipeline.diagnosis.why_not import Why
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.workshop.snapshot.enlarged import GAP, TILE, TITLE
 from ledpi.workshop.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw
-from ledpi.workshop.snapshot.record import Snapshot, explain, take
+from ledpi.workshop.snapshot.sources import Snapshot, explain, take
 from tests.builders import DEADLINE_S, ROOT
 from tests.builders.faults import FAULTS, camera_of, config_of
 from tests.builders.simulate import LENS, SPEC, WORD_7, opencv_pixels, panel, sensor, standing

@@ -17,11 +17,11 @@ from ledpi.core.records import CameraInfo, Floats, Frame, Pixels, Rejected
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.pipeline.diagnosis.drawing import BLACK_CLASS, WHITE_CLASS
-from ledpi.pipeline.each_cell import class_alone, class_given_others
 from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import class_alone, class_given_others
 from ledpi.workshop.snapshot.enlarged import View, view_of
 from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH
-from ledpi.workshop.snapshot.record import Snapshot, take
+from ledpi.workshop.snapshot.sources import Snapshot, take
 from ledpi.workshop.snapshot.steps import CAPTION, GAP, TITLE, draw_steps, tile_width
 from tests.builders.command import Run, in_process
 from tests.builders.decode import (
