@@ -357,7 +357,8 @@ def test_the_two_way_line_on_a_microcontroller(tmp_path: Path) -> None:
     elf, program = tmp_path / "two_way.elf", tmp_path / "two_way.hex"
     source = ROOT / "tests/builders/avr_two_way.c"
     compiler = ["avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000UL", "-std=c99", "-Os", "-Wall", "-Wextra", "-Werror"]
-    subprocess.run([*compiler, "-I", str(HEADER.parent), "-o", str(elf), str(source)], check=True)
+    include = [f"-I{HEADER.parent}", f"-I{ROOT / 'firmware/drive'}"]
+    subprocess.run([*compiler, *include, "-o", str(elf), str(source), "-lm"], check=True)
     subprocess.run(["avr-objcopy", "-O", "ihex", "-R", ".eeprom", str(elf), str(program)], check=True)
     state = next(v.frame for v in VECTORS if v.name == "state")
     asked_s = [0.1 + 0.0613 * n for n in range(10)]
