@@ -42,6 +42,10 @@ def draw_plan(path: Path | None, config: Path | None, overrides: list[str], seq:
         from ledpi.workshop.plan import draw_robot, plan_of, png_of
     except ImportError as error:
         raise ConfigError(f"--map: {error.name} is missing: {install_command('calibrate')}") from None
+    if path is None and (overrides or seq is not None):
+        raise ConfigError(
+            "--map: --set, --method and --frame are of a recording; the daemon says where the robot is now"
+        )
     plan = _of_daemon(config) if path is None else _of_recording(path, config, overrides, seq)
     axes, said = plan_of(plan.panels), "it is not known where the robot is"
     if (robot := plan.robot) is not None:
@@ -89,22 +93,22 @@ def _of_recording(folder: Path, config: Path | None, overrides: list[str], seq: 
     recording = load_recording_with(settings, folder)
     lens = lens_of(recording.camera, settings.camera.intrinsics)
     pipeline = pipeline_of(settings, recording.camera, lens, recording.panel_values, robot=robot)
-    replay, placed, entry = replay_of(recording, settings), None, None
+    replay, placed, seen = replay_of(recording, settings), None, -1
     with progress("decoding", len(recording.frames)) as advance:
         for entry in recording.frames:
             picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
             if read_picture(entry.picture, picture) is None:
                 decoded = pipeline.decode(recording.frame(entry, picture))
-                told = [] if replay is None else replay.take(decoded.seq, decoded.markers)
-                placed = robot_from_above(decoded_as_json(decoded, "")["robot"]) if replay is None else placed
-                if told and replay is not None:
+                if replay is None:
+                    placed = robot_from_above(decoded_as_json(decoded, "")["robot"])
+                elif told := replay.take(decoded.seq, decoded.markers):
                     state = newest_state(told, replay.host_offset_ns)
                     placed = None if state["position_m"] is None else robot_of_state(state)
             advance(1)
-            if entry.seq == seq:
+            seen = entry.seq
+            if seen == seq:
                 break
-        else:
-            if seq is not None:
-                raise RecordingError(f"{folder}: has no frame {seq}")
+    if seq not in (None, seen):
+        raise RecordingError(f"{folder}: has no frame {seq}")
     sized = {i: replace(p, side_m=p.side_m or pipeline.panels.spec(i).side_m) for i, p in robot.panels.items()}
-    return _Plan(f"{folder.resolve().name}, frame {entry.seq if entry else '-'}", sized, placed)
+    return _Plan(f"{folder.resolve().name}, frame {seen}", sized, placed)

@@ -147,6 +147,9 @@ def test_an_ambiguous_panel_has_a_place_but_no_attitude() -> None:
 def test_an_id_that_does_not_fit_is_refused() -> None:
     """Cut to a byte, 256 would be panel 0."""
     assert parse(codec().encode(marker_at(0, 0, 1, marker_id=255), 10_000_000)).target_num == 255
+    assert (
+        codec().encode(marker_at(0, 0, 1, marker_id=60000), 10_000_000) is None
+    )  # a body, of which MAVLink knows none
     with pytest.raises(WireError, match="marker 256"):
         codec().encode(marker_at(0, 0, 1, marker_id=256), 10_000_000)
 
