@@ -21,7 +21,7 @@ from ledpi.camera.simulate.scenes import ov5647_lens, still_scene
 from ledpi.camera.simulate.trajectory import Gliding
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.config.settings import Config, load_config
-from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
+from ledpi.core.records import Frame, PanelSpec, Pixels, Rejected
 from ledpi.daemon.observers import close_tap, open_tap
 from ledpi.daemon.tap.server import Tap
 from ledpi.wire import Mode, OdometryMessage, Receiver, StateMessage, TimeAnswer, TimeAsk
@@ -29,7 +29,7 @@ from ledpi.wire.codec import encode
 from ledpi.wire.diary import Frame as FrameMark
 from ledpi.wire.diary import read_diary
 from tests.builders.command import in_process
-from tests.builders.daemon import daemon_in_thread
+from tests.builders.daemon import OtherCamera, daemon_in_thread
 from tests.builders.tap import reach
 from tests.builders.waiting import limit_s, wait_until
 
@@ -45,7 +45,7 @@ panels:
 """
 
 
-class Drive:
+class Drive(OtherCamera):
     """A camera that glides toward two panels, and sees nothing once it is `dark`."""
 
     def __init__(self) -> None:
@@ -53,28 +53,17 @@ class Drive:
         sensor = SimulatedSensor(intrinsics=lens, exposure_us=9966.32, row_time_us=33.67, frame_length_rows=1040)
         scene = still_scene(sensor, dict.fromkeys((7, 23), SPEC), "DICT_4X4_50", distance_m=2.0, angle_deg=0.0)
         glide = Gliding(start=np.eye(4), velocity_m_s=np.array([0.0, 0.0, SPEED_M_S]))
-        self._camera = SimulatedCamera(replace(scene, camera_motion=glide), seed=1, paced=True)
+        super().__init__(SimulatedCamera(replace(scene, camera_motion=glide), seed=1, paced=True))
         self.began_ns = 0  # of the scene, CLOCK_MONOTONIC
         self.dark = False
 
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
-
-    def read(self, into: Pixels) -> Frame | None:
+    def read(self, into: Pixels) -> Frame | Rejected | None:
         frame = self._camera.read(into)
-        if frame is not None:
+        if isinstance(frame, Frame):
             self.began_ns = frame.host_offset_ns
             if self.dark:
                 into[:] = 0
         return frame
-
-    def close(self) -> None:
-        self._camera.close()
 
     def x_m(self, t_s: float) -> float:
         return SPEED_M_S * (t_s - self.began_ns * 1e-9)
