@@ -18,7 +18,7 @@ import numpy as np
 from ledpi.core.codewords import Bits
 from ledpi.core.errors import ConfigError
 
-_FRAME_MM = 10.0  # dark border that sets the lit square off from what is beside it
+FRAME_MM = 10.0  # dark border that sets the lit square off from what is beside it
 _WALLS_MM = (3.0, 2.0, 1.5, 1.0, 0.5)  # of boards that are easily had
 _WALL_SHARE = 0.06  # of a cell: the decoder leaves out a rim of 0.08
 SLOT_PLAY_MM = 0.2
@@ -62,12 +62,7 @@ class Body:
     @property
     def outer_mm(self) -> float:
         """The frame's outer edge; diffuser and back plate are as large."""
-        return self.side_mm + 2 * _FRAME_MM
-
-    @property
-    def frame_mm(self) -> float:
-        """Width of the frame around the lit square."""
-        return _FRAME_MM
+        return self.side_mm + 2 * FRAME_MM
 
     @property
     def wall_mm(self) -> float:
@@ -86,8 +81,9 @@ class Body:
 
     @property
     def led_mm(self) -> float:
-        """Diameter of the LEDs that there is room for."""
-        return _led_mm(self.pitch_mm, self.leds)
+        """Diameter of the LEDs that there is room for; 0 where there is none."""
+        room_mm = self.pitch_mm / _leds_across(self.leds)
+        return next((led for led in _LEDS_MM if room_mm >= led + _LED_ROOM_MM), 0.0)
 
     def led_offsets_mm(self) -> list[tuple[float, float]]:
         """Returns where a cell's LEDs sit, from its centre, in the order of the string, **as seen from the back**."""
@@ -106,11 +102,6 @@ class Body:
 
 def _leds_across(leds: int) -> int:
     return math.ceil(math.sqrt(leds))
-
-
-def _led_mm(pitch_mm: float, leds: int) -> float:
-    """0 where there is no room."""
-    return next((led for led in _LEDS_MM if pitch_mm / _leds_across(leds) >= led + _LED_ROOM_MM), 0.0)
 
 
 def front_dxf(body: Body) -> str:

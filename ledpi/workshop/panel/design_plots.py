@@ -20,16 +20,6 @@ _MAX_NULLS = 40  # that are marked: more would be a grey area
 
 
 def draw_contrast(task: Task, chosen: Proposal, path: Path) -> None:
-    """`contrast_figure` as a picture file."""
-    contrast_figure(task, chosen).savefig(path, dpi=110, metadata={"Software": None})
-
-
-def draw_reach(rows: Sequence[tuple[str, Proposal, Reach]], path: Path) -> None:
-    """`reach_figure` as a picture file."""
-    reach_figure(rows).savefig(path, dpi=110, metadata={"Software": None})
-
-
-def contrast_figure(task: Task, chosen: Proposal) -> Figure:
     """Contrast against frequency, with the nulls, the flicker limit, and a pair. The legend covers no curve."""
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
@@ -51,10 +41,10 @@ def contrast_figure(task: Task, chosen: Proposal) -> Figure:
     axes.set_title(f"What an exposure of {exposure_us:.0f} µs leaves", fontsize=11)
     axes.grid(alpha=0.3)
     figure.legend(fontsize=9, loc="outside lower center", ncols=4)
-    return figure
+    figure.savefig(path, dpi=110, metadata={"Software": None})
 
 
-def reach_figure(rows: Sequence[tuple[str, Proposal, Reach]]) -> Figure:
+def draw_reach(rows: Sequence[tuple[str, Proposal, Reach]], path: Path) -> None:
     """The chance of being read against distance, of one frame and of a short stream. The legend covers no curve."""
     figure = Figure(figsize=(11, 5.2), layout="constrained")
     FigureCanvasAgg(figure)
@@ -74,4 +64,4 @@ def reach_figure(rows: Sequence[tuple[str, Proposal, Reach]]) -> Figure:
         axes.grid(alpha=0.3)
     alone.set_ylabel("read, % (the decoder's error model)")
     figure.legend(*alone.get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=2)
-    return figure
+    figure.savefig(path, dpi=110, metadata={"Software": None})

@@ -26,8 +26,6 @@ from ledpi.workshop.panel.frequencies import (
     null_share,
 )
 
-# The interrupts of both classes, one after the other, take under 160 cycles; the rest is left to the serial line.
-
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
 
 
@@ -142,12 +140,13 @@ def codeword_number(codeword: Bits) -> int:
 def settings_text(firmware: Firmware) -> str:
     """settings.h: everything in the sources that depends on the panel."""
     dictionary = firmware.dictionary
-    lines = [
-        "/* Written by `ledpi panel firmware`. Half periods are in cycles of 16 MHz. */",
-        *_half_period_lines("BLACK", firmware.black),
-        *_half_period_lines("WHITE", firmware.white),
-        _white_delay_line(firmware),
-    ]
+    lines = ["/* Written by `ledpi panel firmware`. Half periods are in cycles of 16 MHz. */"]
+    for name, half in (("BLACK", firmware.black), ("WHITE", firmware.white)):
+        what = f"{half.frequency_hz:.4f} Hz, {half.error_ppm:+.1f} ppm from {half.asked_hz:g} Hz"
+        lines.append(f"#define {name}_HALF_PERIOD_CYCLES {half.cycles}u /* {what} */")
+    # White's first edge is so late: half a period makes antiphase of one frequency.
+    delay = "WHITE_HALF_PERIOD_CYCLES /* antiphase */" if firmware.phase == "antiphase" else "0u"
+    lines.append(f"#define WHITE_DELAY_CYCLES {delay}")
     if firmware.build is Build.SIXTEEN_CELLS:
         # Below 0x8000, so that no half-written record in the EEPROM passes for a whole one.
         build_key = zlib.crc32(dictionary.codewords.tobytes(), firmware.marker_id) & 0x7FFF
@@ -163,18 +162,6 @@ def settings_text(firmware: Firmware) -> str:
             "    }",
         ]
     return "\n".join(lines) + "\n"
-
-
-def _half_period_lines(name: str, half: HalfPeriod) -> list[str]:
-    what = f"{half.frequency_hz:.4f} Hz, {half.error_ppm:+.1f} ppm from {half.asked_hz:g} Hz"
-    return [f"#define {name}_HALF_PERIOD_CYCLES {half.cycles}u /* {what} */"]
-
-
-def _white_delay_line(firmware: Firmware) -> str:
-    """By how much white's first edge is late: half a period makes antiphase of one frequency."""
-    if firmware.phase == "antiphase":
-        return "#define WHITE_DELAY_CYCLES WHITE_HALF_PERIOD_CYCLES /* antiphase */"
-    return "#define WHITE_DELAY_CYCLES 0u"
 
 
 def readme_text(firmware: Firmware) -> str:

@@ -13,9 +13,17 @@ from ledpi.workshop.panel.body import Body, back_dxf, front_dxf, walls_dxf, wall
 from ledpi.workshop.panel.circuit import OUTPUTS, Circuit, PinCircuit, ohm_text
 from ledpi.workshop.panel.paper import MARGIN_MM, Page, write_pdf, write_svg
 from ledpi.workshop.panel.schematic import GATE_OHM, PULL_DOWN_OHM, SIZE_MM, draw_pins_schematic, draw_schematic
-from ledpi.workshop.panel.sheet_parts import draw_section, draw_wall, electrics, parts
-from ledpi.workshop.panel.sheet_pins import draw_pins_back, draw_pins_front, pin_electrics, pin_parts
-from ledpi.workshop.panel.sheet_views import View, draw_back, draw_front, scaled_view, tile_count, true_views
+from ledpi.workshop.panel.sheet_parts import draw_section, draw_wall, electrics, parts, pin_electrics, pin_parts
+from ledpi.workshop.panel.sheet_views import (
+    View,
+    draw_back,
+    draw_front,
+    draw_pins_back,
+    draw_pins_front,
+    scaled_view,
+    tiles,
+    true_views,
+)
 
 _MAX_PARTS = 30  # that a panel is put together from
 
@@ -43,10 +51,10 @@ class Sheet:
 
 def sheet_pages(sheet: Sheet) -> list[tuple[str, Page]]:
     """The pages, each with a short name."""
-    body = sheet.body
-    if tile_count(body) > _MAX_PARTS:
+    columns, rows = tiles(sheet.body)
+    if columns * rows > _MAX_PARTS:
         raise ConfigError(
-            f"a panel of {sheet.spec.side_m:g} m takes {tile_count(body)} pages of A4 at 1 : 1; must be at most "
+            f"a panel of {sheet.spec.side_m:g} m takes {columns * rows} pages of A4 at 1 : 1; must be at most "
             f"{_MAX_PARTS}: --side 1, and a print shop for more"
         )
     back = (

@@ -5,12 +5,22 @@ from __future__ import annotations
 import math
 
 from ledpi.workshop.panel.body import SLOT_PLAY_MM, Body
-from ledpi.workshop.panel.circuit import Circuit, ohm_text
+from ledpi.workshop.panel.circuit import (
+    CHIP_MOST_A,
+    CHIP_OWN_A,
+    PIN_MOST_A,
+    PORTS_MOST_A,
+    ROOM_LUX,
+    USB_MOST_V,
+    Circuit,
+    PinCircuit,
+    ohm_text,
+)
 from ledpi.workshop.panel.paper import MARGIN_MM, Page, box
 from ledpi.workshop.panel.schematic import GATE_OHM, PULL_DOWN_OHM
 
 _MOSFETS = ((30, "AO3400A (SMD) or FQP30N06L (TO-220)"), (60, "FQP30N06L (TO-220)"), (100, "IRL520N (TO-220)"))
-CRYSTAL = "ATmega328P, 5 V, 16 MHz; with a crystal, not a resonator"
+_CRYSTAL = "ATmega328P, 5 V, 16 MHz; with a crystal, not a resonator"
 _SPREAD_V = 0.1  # of LEDs of one batch
 
 _LEFT = MARGIN_MM + 20
@@ -24,7 +34,7 @@ def electrics(circuit: Circuit) -> list[tuple[str, str]]:
     low_ma, high_ma = (1e3 * (circuit.headroom_v + off_v) / circuit.resistor_ohm for off_v in (-spread_v, spread_v))
     black_ma, white_ma = (1e3 * amperes for amperes in circuit.class_a)
     series = "LEDs in series" if circuit.leds > 1 else "LED"
-    rows = [
+    return [
         ("each cell", f"{circuit.leds} {series}, and one resistor of {ohm_text(circuit.resistor_ohm)} (E24)"),
         (
             "left for the resistor",
@@ -41,7 +51,6 @@ def electrics(circuit: Circuit) -> list[tuple[str, str]]:
         ),
         ("whole panel", f"{circuit.panel_w:.1f} W on average; each class is on for half of the time"),
     ]
-    return rows
 
 
 def parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
@@ -52,7 +61,7 @@ def parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
         ("1", "diffuser", f"opal acrylic, 2 to 3 mm, {outer}"),
         ("1", "frame", f"opaque, dark, matt, {outer}; opening {body.side_mm:g} × {body.side_mm:g} mm"),
         ("1", "back plate", f"{outer}; holes as on the page “from the back”"),
-        *walls(body),
+        *_walls(body),
     ]
 
 
@@ -61,7 +70,7 @@ def _electric_parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
     volts, example = next((v, name) for v, name in _MOSFETS if v >= circuit.mosfet_v)
     amperes = max(1.0, 3 * max(circuit.class_a))
     return [
-        ("1", "Arduino Uno or Nano", CRYSTAL),
+        ("1", "Arduino Uno or Nano", _CRYSTAL),
         (
             str(count * circuit.leds),
             f"LED, {body.led_mm:g} mm",
@@ -80,7 +89,48 @@ def _electric_parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:
     ]
 
 
-def walls(body: Body) -> list[tuple[str, str, str]]:
+def pin_electrics(circuit: PinCircuit, pitch_mm: float) -> list[tuple[str, str]]:
+    """Lists what, and how much."""
+    ports = ", ".join(f"{name} {1e3 * amperes:.0f} mA" for name, amperes in circuit.ports_most_a().items())
+    return [
+        ("each cell", f"1 LED, and one resistor of {ohm_text(circuit.resistor_ohm)} (E24), from its own pin to GND"),
+        ("current while on", f"{1e3 * circuit.usual_a:.1f} mA, as LEDs of {circuit.forward_v:g} V usually are"),
+        (
+            "at most",
+            f"{1e3 * circuit.most_a:.1f} mA a pin, with {USB_MOST_V:g} V from USB; the chip's pins may give "
+            f"{1e3 * PIN_MOST_A:.0f} mA",
+        ),
+        ("all pins on, at most", f"{ports}; these ports may give {1e3 * PORTS_MOST_A:.0f} mA each"),
+        (
+            "the chip, at most",
+            f"{1e3 * circuit.chip_most_a:.0f} mA, {1e3 * CHIP_OWN_A:.0f} mA of its own; {1e3 * CHIP_MOST_A:.0f} mA may "
+            "go in",
+        ),
+        (
+            "light",
+            f"about {circuit.luminance(pitch_mm):.0f} cd/m²: in a room of {ROOM_LUX:g} lx "
+            f"{100 * circuit.own_share(pitch_mm):.0f} % of the panel's light is its own; dim the room",
+        ),
+    ]
+
+
+def pin_parts(body: Body, circuit: PinCircuit) -> list[tuple[str, str, str]]:
+    """(pieces, part, what it must be)."""
+    count, outer = body.cells**2, f"{body.outer_mm:g} × {body.outer_mm:g} mm"
+    return [
+        ("1", "Arduino Uno or Nano", _CRYSTAL),
+        ("1", "USB charger of 5 V", "with a cable for the Arduino; or a computer's USB port"),
+        (str(count), f"LED, {body.led_mm:g} mm", f"white, {circuit.forward_v:g} V, wide beam (120°); all of one batch"),
+        (str(count), f"resistor {ohm_text(circuit.resistor_ohm)}", "0.125 W, 1 %"),
+        (str(count + 1), "jumper wire", "into the Arduino's sockets: one a cell, and GND"),
+        ("1", "diffuser", f"white paper of 80 g/m², {outer}"),
+        ("1", "frame", f"card, dark, matt, {outer}; opening {body.side_mm:g} × {body.side_mm:g} mm"),
+        ("1", "back plate", f"white card, {outer}; holes as on the page “from the back”"),
+        *_walls(body),
+    ]
+
+
+def _walls(body: Body) -> list[tuple[str, str, str]]:
     """The walls between the cells and around them."""
     board = f"{body.wall_mm:g} mm thick, {body.depth_mm:g} mm high, white, opaque"
     outer = ("2 + 2", "outer wall", f"{body.side_mm:g} and {body.side_mm + 2 * body.wall_mm:g} mm long, {board}")

@@ -16,7 +16,7 @@ from ledpi.workshop.panel.body import Body
 from ledpi.workshop.panel.circuit import plan_pins
 from ledpi.workshop.panel.paper import Page
 from ledpi.workshop.panel.sheet import Sheet, sheet_pages
-from ledpi.workshop.panel.sheet_pins import pin_electrics, pin_parts
+from ledpi.workshop.panel.sheet_parts import pin_electrics, pin_parts
 
 assert panel_design, panel
 assert main  # the imports put the commands into `app`
