@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ledpi.core.errors import LedpiError, PictureError
     from ledpi.daemon.tap.client import connect as connect_tap
-    from ledpi.pipeline.api import Fix, Lens, Marker, Reader, Reason, State, Stream
+    from ledpi.pipeline.api import Body, Fix, Lens, Marker, Reader, Reason, State, Stream
 
 __version__ = "0.2.0"
 __all__ = [
+    "Body",
     "Fix",
     "LedpiError",
     "Lens",

@@ -106,26 +106,26 @@ def drive() -> tuple[Floats, Floats, bool]:
     }
     estimator = Estimator(panels, BASE_FROM_CAMERA)
     motion, passed, docked, seq, said_s, true, told = (0.0, 0.0), 0, False, 0, 0.0, [], []
-    with steered() as steers:
-        steers.begin(GOAL, PANEL_M)
-        line = Line(plant, estimator, steers)
-        while plant.t_ns < MOST_S * 1e9 and not docked:
-            plant.step(*motion)
-            track.poses.append(plant.pose)
-            if plant.t_ns >= sensor.readout_end_ns(seq):
-                frame = camera.read(picture)
-                assert frame is not None
-                line.put(PICTURE_LATE_NS, estimator.add_markers, pipeline.decode(frame).markers)
-                seq += 1
-            if plant.k % CONTROL_STEPS == 0:
-                state = line.tell()
-                motion, passed, docked = steer(steers, plant.t_ns // 1000, passed)
-                if state is not None:
-                    true.append(plant.pose)
-                    told.append(state.pose)
-                    if plant.t_ns >= said_s * 1e9:
-                        said_s = plant.t_ns * 1e-9 + SAY_EVERY_S
-                        print(beside(plant.t_ns * 1e-9, plant.pose, state.pose), flush=True)
+    steers = steered()
+    steers.begin(GOAL, PANEL_M)
+    line = Line(plant, estimator, steers)
+    while plant.t_ns < MOST_S * 1e9 and not docked:
+        plant.step(*motion)
+        track.poses.append(plant.pose)
+        if plant.t_ns >= sensor.readout_end_ns(seq):
+            frame = camera.read(picture)
+            assert frame is not None
+            line.put(PICTURE_LATE_NS, estimator.add_markers, pipeline.decode(frame).markers)
+            seq += 1
+        if plant.k % CONTROL_STEPS == 0:
+            state = line.tell()
+            motion, passed, docked = steer(steers, plant.t_ns // 1000, passed)
+            if state is not None:
+                true.append(plant.pose)
+                told.append(state.pose)
+                if plant.t_ns >= said_s * 1e9:
+                    said_s = plant.t_ns * 1e-9 + SAY_EVERY_S
+                    print(beside(plant.t_ns * 1e-9, plant.pose, state.pose), flush=True)
     return np.array(true), np.array(told), docked
 
 

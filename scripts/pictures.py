@@ -32,6 +32,7 @@ BY_COMMANDS = {
         ],
     ),
     "drive.png": ("docs/state.md", ["python -m scripts.demo_drive --out docs/pictures/drive.png"]),
+    "docking.png": ("docs/state.md", ["python -m evaluation.drives.picture --out docs/pictures/docking.png"]),
     "coverage.png": (
         "docs/calibration.md",
         [

@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from evaluation.drives.cases import HIDDEN, ODOMETRY_LATE_NS, PICTURE_LATE_NS
 from evaluation.drives.looks import Looks
-from evaluation.drives.plant import Plant, Steered, steered
+from evaluation.drives.plant import Plant, steered
 from evaluation.drives.robot import BASE_M
 from evaluation.drives.room import BASE_FROM_CAMERA, place
 from ledpi.core.records import Floats, MapPanel
@@ -55,10 +55,16 @@ DOCKINGS = {
 class Docked:
     """The end of a drive."""
 
+    path: Floats  # (N, 3) true x, y, yaw, 20 times a second; the last is the end
     error: Floats  # x, y, yaw beside the goal
     seconds: float
     touched: bool  # the wall
     moving_s: float  # when the motors were last told to move
+
+    @property
+    def backed(self) -> bool:
+        """Tells whether it backed up, and came again."""
+        return bool((np.maximum.accumulate(self.path[:, 0]) - self.path[:, 0]).max() > 0.2)
 
 
 def start_of(rng: np.random.Generator) -> Floats:
@@ -99,10 +105,20 @@ def panel_alone() -> dict[int, MapPanel]:
     return {PANEL: MapPanel(map_from_marker=place(0, 0, math.pi, HEIGHT_M))}
 
 
+class Steers(Protocol):
+    """A program that docks."""
+
+    def begin(self, goal: tuple[float, float, float], panel_m: float) -> None: ...
+
+    def hear(self, line: bytes, now_us: int) -> None: ...
+
+    def dock(self, now_us: int) -> tuple[tuple[float, float], bool]: ...
+
+
 class Line:
     """Inputs to the estimator, each as late as it comes; and its states, as bytes, to what steers."""
 
-    def __init__(self, plant: Plant, estimator: Estimator, steers: Steered) -> None:
+    def __init__(self, plant: Plant, estimator: Estimator, steers: Steers) -> None:
         self._plant, self.estimator, self._steers = plant, estimator, steers
         self._late: list[tuple[int, Callable[[Any, int], object], Any]] = []
         self._sequence = 0
@@ -128,27 +144,30 @@ class Line:
         return state
 
 
-def dock(seed: int, asked: Docking) -> Docked:
-    """Drives once."""
+def dock(seed: int, asked: Docking, steers: Steers | None = None) -> Docked:
+    """Drives once; steered by the example in C where nothing else is given."""
+    steers = steers or steered()
     rng = np.random.default_rng([seed, 7])
     plant = Plant(rng, start_of(rng), asked.dead_band_m_s, asked.gyro)
     eyes = Eyes(rng, asked)
     estimator = Estimator(panel_alone(), BASE_FROM_CAMERA, OdometryNoise(base_m=BASE_M))
     motion, docked, moving_s, ends_s = (0.0, 0.0), False, 0.0, min(MOST_S, asked.cut_s + 1)
-    with steered() as steers:
-        steers.begin(GOAL, -GOAL[0])
-        line = Line(plant, estimator, steers)
-        while plant.t_ns < ends_s * 1e9 and plant.pose[0] < WALL_M and not docked:
-            plant.step(*motion)
-            now_s = plant.t_ns * 1e-9
-            if plant.k % FRAME_STEPS == 0:
-                for look in eyes.see(now_s, plant.pose):
-                    line.put(PICTURE_LATE_NS, estimator.add_look, look)
-            if plant.k % EACH_STEPS == 0:
-                line.tell(is_cut=now_s >= asked.cut_s)
-                motion, docked = steers.dock(plant.t_ns // 1000)
-                moving_s = now_s if any(motion) else moving_s
-    return Docked(plant.pose - GOAL, plant.t_ns * 1e-9, bool(plant.pose[0] >= WALL_M), moving_s)
+    path = [plant.pose]
+    steers.begin(GOAL, -GOAL[0])
+    line = Line(plant, estimator, steers)
+    while plant.t_ns < ends_s * 1e9 and plant.pose[0] < WALL_M and not docked:
+        plant.step(*motion)
+        now_s = plant.t_ns * 1e-9
+        if plant.k % FRAME_STEPS == 0:
+            path.append(plant.pose)
+            for look in eyes.see(now_s, plant.pose):
+                line.put(PICTURE_LATE_NS, estimator.add_look, look)
+        if plant.k % EACH_STEPS == 0:
+            line.tell(is_cut=now_s >= asked.cut_s)
+            motion, docked = steers.dock(plant.t_ns // 1000)
+            moving_s = now_s if any(motion) else moving_s
+    path.append(plant.pose)
+    return Docked(np.array(path), plant.pose - GOAL, plant.t_ns * 1e-9, bool(plant.pose[0] >= WALL_M), moving_s)
 
 
 def docking_row(asked: Docking, seed: int) -> dict[str, float]:

@@ -7,9 +7,8 @@ import math
 import subprocess
 import tempfile
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +102,12 @@ class Steered:
     def hear(self, line: bytes, now_us: int) -> None:
         self.library.hear(line, len(line), ctypes.c_uint32(now_us))
 
+    def say(self, now_us: int, left_m: float, right_m: float, yaw_rad: float) -> bytes:
+        """Odometry, and an answer for the clock if one is due."""
+        bytes_ = (ctypes.c_uint8 * 64)()
+        totals = (ctypes.c_int32(round(1e4 * total)) for total in (left_m, right_m, yaw_rad))
+        return bytes(bytes_[: self.library.say(bytes_, ctypes.c_uint32(now_us), *totals)])
+
     def dock(self, now_us: int) -> tuple[tuple[float, float], bool]:
         """Speed and turn rate, and whether it has docked."""
         phase = ctypes.c_uint8()
@@ -118,16 +123,16 @@ class Steered:
         return bool(self.library.is_there(ctypes.c_uint32(now_us), *floats))
 
 
-@contextmanager
-def steered() -> Iterator[Steered]:
-    """Compiles it for this machine."""
+@cache
+def steered() -> Steered:
+    """Compiles it for this machine, once."""
     with tempfile.TemporaryDirectory() as folder:
         built = Path(folder) / "steered.so"
         headers = [f"-I{ROOT / each}" for each in ("firmware/receiver", "firmware/drive")]
         source = ROOT / "evaluation/drives/steered.c"
         subprocess.run(["gcc", *FLAGS, *headers, "-o", str(built), str(source), "-lm"], check=True)
         library = ctypes.CDLL(str(built))
-        library.step_to_dock.restype = library.step_to.restype = _Motion
-        library.is_there.restype = ctypes.c_bool
-        library.begin.argtypes = [_Robot, _Dock]
-        yield Steered(library)
+    library.step_to_dock.restype = library.step_to.restype = _Motion
+    library.is_there.restype = ctypes.c_bool
+    library.begin.argtypes = [_Robot, _Dock]
+    return Steered(library)

@@ -1,7 +1,11 @@
-/* firmware/drive/steer.h for evaluation/drives/docking.py: bytes of the line in, speed and turn rate out. */
+/* firmware/drive/steer.h as plant.py calls it: bytes of the line in and out; speed and turn rate out. */
 #include "steer.h"
 
 static ledpi_receiver receiver;
+static ledpi_sender sender;
+static uint16_t number; /* of a question for the clock */
+static uint32_t arrived_us;
+static bool is_asked;
 static steer_state state;
 static steer_dock dock;
 static steer_robot robot;
@@ -16,9 +20,27 @@ void begin(steer_robot of, steer_dock to)
 
 void hear(const uint8_t *bytes, unsigned count, uint32_t now_us)
 {
-    while (count--)
-        if (ledpi_feed(&receiver, *bytes++) == LEDPI_STATE)
+    while (count--) {
+        const ledpi_kind kind = ledpi_feed(&receiver, *bytes++);
+        if (kind == LEDPI_STATE)
             steer_take(&state, &receiver.message.state, now_us);
+        else if (kind == LEDPI_TIME_ASK) {
+            number = receiver.message.time_number;
+            arrived_us = now_us;
+            is_asked = true;
+        }
+    }
+}
+
+/* Writes odometry, and an answer for the clock if one is due; returns how many bytes. */
+unsigned say(uint8_t *bytes, uint32_t now_us, int32_t left_100um, int32_t right_100um, int32_t yaw_100urad)
+{
+    const ledpi_odometry odometry = {now_us, left_100um, right_100um, yaw_100urad, false, false, false};
+    unsigned length = ledpi_write_odometry(bytes, &sender, &odometry);
+    if (is_asked)
+        length += ledpi_write_time(bytes + length, &sender, number, arrived_us, now_us);
+    is_asked = false;
+    return length;
 }
 
 steer_motion step_to_dock(uint32_t now_us, uint8_t *phase)

@@ -50,7 +50,7 @@ def map_(
     """
     try:  # what is missing is told before the long work
         from ledpi.workshop.calibrate.map import calibrate_map
-        from ledpi.workshop.calibrate.map_picture import map_picture
+        from ledpi.workshop.plan import map_picture
     except ImportError as error:
         raise CalibrationError(f"{error.name} is missing: {install_command('calibrate')}") from None
     if not all(math.isfinite(value) for value in (*position, yaw_deg)):

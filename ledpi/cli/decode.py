@@ -106,7 +106,7 @@ def _decode_recording(
         _note(f"{recording.folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}")
     lens = lens_of(camera, settings.camera.intrinsics)
     pipeline = pipeline_of(settings, camera, lens, recording.panel_values, stream=stream)
-    replay, state = _replay_of(recording, settings) if stream else None, None
+    replay, state = replay_of(recording, settings) if stream else None, None
     bad = 0
     if as_live and (recording.folder / OLD_STATE_FILE).exists():
         _note(f"{recording.folder}: {OLD_STATE_FILE} is not read; the first second may differ from what was live")
@@ -121,7 +121,7 @@ def _decode_recording(
             decoded = _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
             if replay is not None:
                 told = replay.take(decoded.seq, decoded.markers)
-                state = _newest(told, replay.host_offset_ns) if told else state
+                state = newest_state(told, replay.host_offset_ns) if told else state
             _print(decoded, name, {} if replay is None else {"state": state})
         else:
             _note(fault.message)
@@ -151,15 +151,16 @@ def _decode_pictures(stills: list[tuple[Path, Still]], steps: Path | None, *, ad
     return bad
 
 
-def _replay_of(recording: Recording, settings: Config) -> Replay | None:
-    """None where nothing was recorded of how the robot moved, or there is no map."""
+def replay_of(recording: Recording, settings: Config) -> Replay | None:
+    """Repeats the states; None where nothing was recorded of how the robot moved, or there is no map."""
     diary = read_diary(recording.folder)
     if diary is None or settings.map is None:
         return None
     return Replay(Keeper(load_robot(settings), settings.odometry, settings.serial.baud), diary)
 
 
-def _newest(told: list[tuple[int, State | Rejected]], offset_ns: int) -> dict[str, Any]:
+def newest_state(told: list[tuple[int, State | Rejected]], offset_ns: int) -> dict[str, Any]:
+    """The last of some that were told, on the recording's clock."""
     t_ns, state = told[-1]
     return state_as_json(None if isinstance(state, Rejected) else state, t_ns, offset_ns)
 

@@ -119,6 +119,7 @@ def json_line(message: Message) -> str:
     if isinstance(message, StatusMessage):
         values |= {"state": message.state.name.lower(), "no_fix": message.no_fix.name.lower()}
     elif isinstance(message, StateMessage):
+        del values["t_ns"]
         values["mode"] = message.mode.name.lower()
     elif isinstance(message, MarkerMessage | FixMessage):
         pose = values.pop("pose") or {}

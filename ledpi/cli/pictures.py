@@ -37,7 +37,7 @@ def still_of(path: Path, config: Config, overrides: Sequence[str]) -> Still:
     try:
         own = camera_of(told)
         panels = [item for item in overrides if item.startswith(("panels", "decode", "robot"))]
-        settings = settings_of(told, panels).model_copy(update={"map": config.map})
+        settings = settings_of(told, panels).model_copy(update={"map": config.map, "bodies": config.bodies})
     except TapError as error:
         raise RecordingError(f"{path}: what it says of its camera and panels cannot be used: {error}") from None
     camera = camera_with(config, own)

@@ -17,6 +17,7 @@ from ledpi.camera.recording.picture import read_picture
 from ledpi.camera.recording.still import read_still
 from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.pictures import check_apart, says_all, still_of, write_drawn
+from ledpi.cli.plan import draw_plan
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import CameraError, ConfigError, RecordingError
@@ -59,6 +60,7 @@ def snapshot(
     out: Path = typer.Option(Path("snapshot.png"), "--out", help="Picture to write, .png or .jpg."),
     method: str | None = METHOD,
     steps: bool = typer.Option(False, "--steps", help="Draw the steps of the method instead."),
+    map_: bool = typer.Option(False, "--map", help="Draw the map from above instead, and where the robot is."),
 ) -> None:
     """One frame as an annotated picture.
 
@@ -66,7 +68,8 @@ def snapshot(
     without memory of earlier ones. Without --frame, it is the camera's first in half a second that shows a panel.
     Standard output says what was read, and where the frame came from. For each panel that was not read, it says what
     is wrong and what helps. If a daemon runs here, its frame and its settings are used. --frame, another --config, or
-    a --set of the section `camera` uses the camera itself.
+    a --set of the section `camera` uses the camera itself. --map is of the daemon or a recording; it shows the state,
+    if the controller's motion is known, else the fix.
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
     """
@@ -77,6 +80,9 @@ def snapshot(
     if path is not None and out.exists() and out.samefile(path):
         raise ConfigError(f"--out {out}: is the picture that is read; must be another file")
     overrides = [*set_, *([] if method is None else [f"decode.method={method}"])]
+    if map_:
+        typer.echo(f"{out}: {draw_plan(path, config, overrides, frame, out)}")
+        return
     asks_for_camera = frame is not None or any(item.startswith("camera") for item in set_)
     daemon = _of_daemon(config, overrides) if path is None and not asks_for_camera else None
     source, settings = daemon or _open(path, config, overrides, frame)

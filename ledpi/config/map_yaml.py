@@ -184,22 +184,25 @@ class _Part(NoBooleans):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class _Deviations(_Part):
+class Deviations(_Part):
+    """Standard deviations of a panel's place, on each axis."""
+
     position_m: DeviationM = BY_TAPE_M
     angle_deg: DeviationDeg = BY_EYE_DEG
 
 
-class _Panel(_Part):
+class PanelPlace(_Part):
+    """A panel's place in a map, or on a body, as a person writes it."""
+
     position_m: MapPosition
     quaternion_wxyz: Annotated[list[Finite], AfterValidator(unit_quaternion)] | None = None
     yaw_deg: Degrees | None = None
     pitch_deg: Degrees | None = None
     roll_deg: Degrees | None = None
-    side_m: SideM | None = None
-    deviations: _Deviations | None = None
+    deviations: Deviations | None = None
 
     @model_validator(mode="after")
-    def _turned_once(self) -> _Panel:
+    def _turned_once(self) -> PanelPlace:
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg)
         if (self.quaternion_wxyz is None) == all(angle is None for angle in angles):
             wanted = "either quaternion_wxyz, or where it faces: yaw_deg, pitch_deg, roll_deg, one of them at least"
@@ -207,12 +210,27 @@ class _Panel(_Part):
         return self
 
     def map_from_marker(self) -> Floats:
+        """(4, 4)."""
         if self.quaternion_wxyz is not None:
             rotation = matrix_from_quaternion(np.array(self.quaternion_wxyz))
         else:
             turned = matrix_from_rpy_deg(self.roll_deg or 0.0, self.pitch_deg or 0.0, self.yaw_deg or 0.0)
             rotation = turned @ FACING_FROM_MARKER
         return transform(rotation, np.array(self.position_m))
+
+    def map_panel(self, usual: Deviations, side_m: float | None = None) -> MapPanel:
+        """The same for the solver. `usual`: deviations, where the panel has none of its own."""
+        known = self.deviations or usual
+        return MapPanel(
+            map_from_marker=read_only(self.map_from_marker()),
+            side_m=side_m,
+            position_sigma_m=known.position_m,
+            angle_sigma_rad=math.radians(known.angle_deg),
+        )
+
+
+class _Panel(PanelPlace):
+    side_m: SideM | None = None
 
 
 def _check_not_empty(panels: dict[int, _Panel]) -> dict[int, _Panel]:
@@ -223,7 +241,7 @@ def _check_not_empty(panels: dict[int, _Panel]) -> dict[int, _Panel]:
 
 class _Map(_Part):
     format: Literal[1] = 1
-    deviations: _Deviations = _Deviations()
+    deviations: Deviations = Deviations()
     panels: Annotated[dict[MarkerId, _Panel], AfterValidator(_check_not_empty)]
 
 
@@ -233,16 +251,7 @@ def load_map(path: Path) -> PanelMap:
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: must be a map of panels (format: 1, panels: …)")
     content = validated(_Map, raw, str(path), ConfigError)
-    panels = {}
-    for marker_id, panel in content.panels.items():
-        known = panel.deviations or content.deviations
-        panels[marker_id] = MapPanel(
-            map_from_marker=read_only(panel.map_from_marker()),
-            side_m=panel.side_m,
-            position_sigma_m=known.position_m,
-            angle_sigma_rad=math.radians(known.angle_deg),
-        )
-    return panels
+    return {i: panel.map_panel(content.deviations, panel.side_m) for i, panel in content.panels.items()}
 
 
 def map_text(panels: PanelMap, comment: str) -> str:

@@ -24,7 +24,7 @@ def base_link_from_camera(mount: CameraMount) -> Floats:
 
 
 def load_own_map(config: Config) -> PanelMap | None:
-    """The map, if there is one. Raises ConfigError, also where it gives a panel another size than the configuration."""
+    """The map, if there is one. Raises ConfigError, also where it and the configuration contradict each other."""
     if config.map is None:
         return None
     panels = load_map(config.map)
@@ -34,6 +34,12 @@ def load_own_map(config: Config) -> PanelMap | None:
             raise ConfigError(
                 f"{config.map}: panels.{marker_id}.side_m: is {side_m}, but panels.overrides.{marker_id}.side_m in "
                 f"the configuration is {override.side_m}: give it once"
+            )
+    for name, places in config.bodies.items():
+        for marker_id in places.keys() & panels.keys():
+            raise ConfigError(
+                f"{config.map}: panels.{marker_id}: is also in the configuration, as bodies.{name}.{marker_id}; a "
+                "body's panel has no place in the room: take it out of one"
             )
     return panels
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, StrictBool
 
+from ledpi.config.bodies import Bodies, check_bodies
 from ledpi.config.mistakes import validated
 from ledpi.config.odometry import OdometrySettings, RobotSettings
 from ledpi.config.outputs import OutputName, OutputSettings
@@ -135,6 +136,7 @@ class Config(Section):
     panels: PanelSettings
     decode: DecodeSettings = DecodeSettings()
     map: Path | None = None
+    bodies: Annotated[Bodies, Field(default_factory=dict)]
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
     odometry: OdometrySettings = OdometrySettings()
@@ -221,6 +223,7 @@ def build_config(raw: dict[str, Any], where: str, more: str = "more") -> Config:
 def check_together(config: Config, where: str) -> None:
     """Raises ConfigError where values that are right one by one contradict each other."""
     check_panels(config.panels, where)
+    check_bodies(config.bodies, config.panels, where)
     if config.camera.row_time_us != "auto":
         check_bands_visible(config.panels, config.camera.row_time_us, where)
     check_method(config.decode.method, config.panels, f"{where}: decode.method")
@@ -233,8 +236,6 @@ def check_odometry(config: Config, where: str) -> None:
         return
     if config.serial.port is None:
         raise ConfigError(f"{where}: odometry.source: serial needs serial.port; without a controller: tap or none")
-    if config.serial.protocol != "ledpi":
-        raise ConfigError(f"{where}: odometry.source: serial needs serial.protocol: ledpi; MAVLink brings none")
 
 
 def check_method(method: Method, panels: PanelSettings, where: str) -> None:

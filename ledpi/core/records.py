@@ -37,9 +37,6 @@ COEFFICIENTS: Mapping[DistortionModel, tuple[str, ...]] = {
 MAX_GAP_NS = 500_000_000
 
 
-_NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
-
-
 def read_only(array: NDArray[Number]) -> NDArray[Number]:
     """A read-only view of `array` (the caller's own reference stays as it is)."""
     view = array.view()
@@ -98,28 +95,23 @@ class PanelSpec:
             raise ValueError("black_hz and white_hz must be positive")
         if not 0 < self.duty < 1:
             raise ValueError(f"duty must lie between 0 and 1, not {self.duty}")
-        if self.phase == "antiphase":
-            self._check_antiphase()
-        elif self.black_hz == self.white_hz:
+        antiphase = self.phase == "antiphase"
+        if not antiphase and self.black_hz == self.white_hz:
             raise ValueError(
                 f"black_hz and white_hz must differ, both are {self.black_hz:g}; one frequency for both classes is for "
                 "phase: antiphase"
             )
-
-    def _check_antiphase(self) -> None:
-        if self.black_hz != self.white_hz:
+        if antiphase and self.black_hz != self.white_hz:
             raise ValueError(
                 f"phase: antiphase is for both classes at one frequency; black_hz and white_hz must be equal, not "
                 f"{self.black_hz:g} and {self.white_hz:g}"
             )
-        if self.duty != 0.5:  # else white's wave is not black's negative
+        if antiphase and self.duty != 0.5:  # else white's wave is not black's negative
             raise ValueError(f"phase: antiphase needs a duty of 0.5, not {self.duty:g}")
 
     @property
     def waves_hz(self) -> tuple[float, ...]:
-        """The frequency of each wave: black's and white's; of an antiphase panel the one that is black's, and white's
-        turned upside down.
-        """
+        """The frequency of each wave: black's and white's; in antiphase black's, which is white's upside down."""
         return (self.black_hz,) if self.phase == "antiphase" else (self.black_hz, self.white_hz)
 
     def blinking(self) -> str:
@@ -152,15 +144,10 @@ class CameraInfo:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PanelValues:
+class PanelValues(PanelSpec):
     """Values of panels that their source knows; a recording's own override the configuration's."""
 
     dictionary: str
-    side_m: float
-    black_hz: float
-    white_hz: float
-    duty: float
-    phase: Phase = "free"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,7 +179,7 @@ class Frame:
 
     def drop_picture(self) -> Frame:
         """Returns what may be kept of it: the picture's room will hold another."""
-        return replace(self, pixels=_NO_PICTURE)
+        return replace(self, pixels=np.empty((0, 0), np.uint8))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -274,6 +261,18 @@ class RobotFix:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BodyPose:
+    """A thing that carries panels, and where it is by those of them that are in view."""
+
+    name: str
+    id: int  # beyond those of panels
+    camera_from_body: Pose
+    mid_exposure_ns: int
+    panels_used: tuple[int, ...]
+    panels_rejected: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Decoded:
     """All that one frame gave."""
 
@@ -284,6 +283,7 @@ class Decoded:
     robot: RobotFix | None
     rejected: tuple[Rejected, ...]
     stage_ms: dict[str, float]  # time spent, by stage, in the order of the path
+    bodies: tuple[BodyPose, ...] = ()
     diary: tuple[str, ...] = ()  # lines of controller.jsonl that came up since the frame before
 
 

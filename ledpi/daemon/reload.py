@@ -55,6 +55,7 @@ def publisher_of(
             profile=config.serial.mavlink_profile,
             system=config.serial.mavlink_system,
             resets=resets,
+            tells_state=config.state_hz > 0,
         )
     if left is None:
         return Publisher(config.serial, mavlink, map_resets=resets.maps, ear=ear)

@@ -24,7 +24,8 @@ from ledpi.state.inputs import Odometry
 from ledpi.wire.codec import FROM_CONTROLLER
 from ledpi.wire.diary import Entry, Frame, Look, line_of, seen
 from ledpi.wire.keeper import FAILED, Asked, Heard, Input, Keeper, Told
-from ledpi.wire.mavlink import Resets
+from ledpi.wire.mavlink import Resets, load_dialect
+from ledpi.wire.mavlink_heard import AutopilotReceiver
 from ledpi.wire.receiver import Receiver
 from ledpi.wire.state_message import StateMessage, state_message
 
@@ -62,7 +63,8 @@ class RobotState:
         self._keeper = Keeper(robot, config.odometry, config.serial.baud)
         self._map_resets, self._tell, self._reject = map_resets, tell, reject
         self._period_ns = round(1e9 / config.state_hz)
-        self._receiver = Receiver(FROM_CONTROLLER)
+        self._mavlink_system = config.serial.mavlink_system if config.serial.protocol == "mavlink" else None
+        self._receiver = self._new_receiver()
         self._waiting: deque[tuple[Input, Entry]] = deque()  # as it is taken, and as the diary has it
         self._diary: deque[str] = deque(maxlen=MOST_LINES)
         self._noted: tuple[Event, ...] = ()
@@ -85,7 +87,11 @@ class RobotState:
 
     def opened(self) -> None:
         """The port is open, anew."""
-        self._receiver = Receiver(FROM_CONTROLLER)
+        self._receiver = self._new_receiver()
+
+    def _new_receiver(self) -> Receiver | AutopilotReceiver:
+        system = self._mavlink_system
+        return Receiver(FROM_CONTROLLER) if system is None else AutopilotReceiver(load_dialect(), system)
 
     def asked(self, number: int, first_byte_ns: int) -> None:
         """A question for the controller's clock has left."""

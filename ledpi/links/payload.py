@@ -116,7 +116,7 @@ class WirePayload(Payload):
 
 
 def messages_of(frame: Line, now_ns: int, map_resets: int = 0) -> list[Message]:
-    """The fix first, then the panels; without those that must not be sent."""
+    """The fix first, then panels and bodies; without those that must not be sent."""
     found: list[Message] = []
     if frame["robot"] is not None:
         with suppress(WireError):
@@ -124,6 +124,9 @@ def messages_of(frame: Line, now_ns: int, map_resets: int = 0) -> list[Message]:
     for marker in frame["markers"]:
         with suppress(WireError):
             found += _marker(marker, now_ns)
+    for body in frame.get("bodies", ()):
+        with suppress(WireError):
+            found += _marker({**body, "alternate": None}, now_ns)
     return found
 
 

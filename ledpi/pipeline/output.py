@@ -6,21 +6,23 @@ from collections import Counter
 from dataclasses import asdict
 from typing import Any
 
-from ledpi.core.records import Decoded, MarkerPose, PlanarSolution, RobotFix
+from ledpi.core.records import BodyPose, Decoded, Floats, MarkerPose, Pose, RobotFix
 from ledpi.state.estimator import State
 
 
 def decoded_as_json(decoded: Decoded, recording: str) -> dict[str, Any]:
     """One frame, in the form and the order of the documentation; numbers rounded below what they can mean."""
-    return {
+    values = {
         "recording": recording,
         "seq": decoded.seq,
         "sensor_timestamp_ns": decoded.row0_readout_ns,
         "decode_ms": round(sum(decoded.stage_ms.values()), 3),
         "markers": [_marker(marker) for marker in decoded.markers],
-        "robot": None if decoded.robot is None else _robot(decoded.robot),
+        "robot": None if decoded.robot is None else _by_panels(decoded.robot.map_from_base_link, decoded.robot),
         "rejected": dict(sorted(Counter(rejected.key for rejected in decoded.rejected).items())),
     }
+    bodies = [{"id": b.id, "name": b.name, **_by_panels(b.camera_from_body, b)} for b in decoded.bodies]
+    return values | ({"bodies": bodies} if bodies else {})
 
 
 def state_as_json(state: State | None, t_ns: int, offset_ns: int = 0) -> dict[str, Any]:
@@ -34,7 +36,7 @@ def state_as_json(state: State | None, t_ns: int, offset_ns: int = 0) -> dict[st
         "mode": "odometry" if state.by_odometry else "panels",
         "position_m": [round(float(v), 6) for v in state.pose[:2]],
         "yaw_rad": round(float(state.pose[2]), 7),
-        "covariance": [float(f"{v:.6g}") for v in state.covariance.ravel()],
+        "covariance": _numbers(state.covariance),
         "velocity": [round(state.speed_m_s, 4), round(state.turn_rad_s, 4)],
         "panel_ns": state.panel_ns - offset_ns,
         "way_m": round(state.way_m, 4),
@@ -48,35 +50,39 @@ def state_as_json(state: State | None, t_ns: int, offset_ns: int = 0) -> dict[st
 
 def _marker(marker: MarkerPose) -> dict[str, Any]:
     detection, solution = marker.detection, marker.solution
-    covariance = solution.camera_from_marker.covariance if solution is not None else None
+    pose = solution.camera_from_marker if solution is not None else None
     return {
         "id": detection.id,
         "corners_px": [[round(float(v), 3) for v in corner] for corner in detection.corners_px],
         "margin": round(detection.margin, 2),
         "frames_used": detection.frames_used,
-        **(_place(solution) if solution is not None else dict.fromkeys(("position_m", "quaternion_wxyz"))),
-        "covariance": None if covariance is None else [float(f"{v:.6g}") for v in covariance.ravel()],
+        **(_place(pose) if pose is not None else dict.fromkeys(("position_m", "quaternion_wxyz"))),
+        "covariance": None if pose is None else _numbers(pose.covariance),
         "reprojection_px": None if solution is None else round(solution.reprojection_px, 4),
         "alternate": None
         if marker.alternate is None
-        else {**_place(marker.alternate), "reprojection_px": round(marker.alternate.reprojection_px, 4)},
+        else {
+            **_place(marker.alternate.camera_from_marker),
+            "reprojection_px": round(marker.alternate.reprojection_px, 4),
+        },
     }
 
 
-def _place(solution: PlanarSolution) -> dict[str, list[float]]:
-    pose = solution.camera_from_marker
+def _place(pose: Pose) -> dict[str, list[float]]:
     return {
         "position_m": [round(float(v), 6) for v in pose.position_m],
         "quaternion_wxyz": [round(float(v), 7) for v in pose.quaternion_wxyz],
     }
 
 
-def _robot(fix: RobotFix) -> dict[str, Any]:
-    pose = fix.map_from_base_link
+def _numbers(covariance: Floats | None) -> list[float] | None:
+    return None if covariance is None else [float(f"{v:.6g}") for v in covariance.ravel()]
+
+
+def _by_panels(pose: Pose, by: RobotFix | BodyPose) -> dict[str, Any]:
     return {
-        "position_m": [round(float(v), 6) for v in pose.position_m],
-        "quaternion_wxyz": [round(float(v), 7) for v in pose.quaternion_wxyz],
-        "covariance": None if pose.covariance is None else [float(f"{v:.6g}") for v in pose.covariance.ravel()],
-        "panels_used": list(fix.panels_used),
-        "panels_rejected": list(fix.panels_rejected),
+        **_place(pose),
+        "covariance": _numbers(pose.covariance),
+        "panels_used": list(by.panels_used),
+        "panels_rejected": list(by.panels_rejected),
     }

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ledpi.config.bodies import body_maps
 from ledpi.config.panels import PanelSettings
 from ledpi.config.robot import base_link_from_camera, load_own_map
 from ledpi.config.settings import Config, Method
@@ -216,4 +217,5 @@ def load_robot(config: Config) -> Robot:
         base_link_from_camera=base_link_from_camera(config.robot.camera_mount),
         panels=load_own_map(config),
         panels_upright=config.panels.upright,
+        bodies=body_maps(config.bodies),
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from ledpi.core.records import Decoded, Detection, Floats, Frame, MarkerPose, Rejected, RobotFix
+from ledpi.core.records import BodyPose, Decoded, Detection, Floats, Frame, MarkerPose, Rejected, RobotFix
 from ledpi.pipeline.trace import Dropped, Trace
 from ledpi.pose.place import Placer
 
@@ -28,6 +28,7 @@ class Results:
     suppressed: list[Detection] = field(default_factory=list)
     markers: list[MarkerPose] = field(default_factory=list)
     fix: RobotFix | Rejected | None = None
+    bodies: list[BodyPose | Rejected] = field(default_factory=list)
 
     def add_time(self, stage: str, since_s: float) -> None:
         """Adds what a stage has taken since then (`time.perf_counter`)."""
@@ -61,15 +62,16 @@ class Results:
         self.markers = [m for m in self.markers if id(m.detection) not in gone] + markers
         if markers or dropped:
             self.fix = placer.fix(frame, self.markers)
+            self.bodies = placer.bodies(frame, self.markers)
         return markers
 
     def partial_result(self, frame: Frame, markers: Sequence[MarkerPose]) -> Decoded:
-        """These markers, and the fix as it is now."""
+        """These markers, and the fix and the bodies as they are now."""
         return self._decoded(frame, markers, ())
 
     def final_result(self, frame: Frame) -> Decoded:
         """All of it, the most certain marker first."""
-        rejected = [*self.rejected, self.fix] if isinstance(self.fix, Rejected) else self.rejected
+        rejected = [*self.rejected, *(one for one in (self.fix, *self.bodies) if isinstance(one, Rejected))]
         return self._decoded(frame, sorted(self.markers, key=lambda m: -m.detection.margin), rejected)
 
     def _decoded(self, frame: Frame, markers: Sequence[MarkerPose], rejected: Sequence[Rejected]) -> Decoded:
@@ -80,6 +82,7 @@ class Results:
             markers=tuple(markers),
             robot=self.fix if isinstance(self.fix, RobotFix) else None,
             rejected=tuple(rejected),
+            bodies=tuple(body for body in self.bodies if isinstance(body, BodyPose)),
             stage_ms={stage: 1e3 * seconds for stage, seconds in self.seconds.items()},
         )
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -43,11 +43,12 @@ ONE_POSE = 1.0  # solutions that are no further apart than one deviation are one
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Robot:
-    """The camera's seat on the robot, and the map that the robot drives in."""
+    """The camera's seat on the robot, the map that the robot drives in, and what else carries panels."""
 
     base_link_from_camera: Floats  # (4, 4)
     panels: PanelMap | None = None
     panels_upright: bool = False
+    bodies: Mapping[str, PanelMap] = field(default_factory=dict)  # by name, each in its own frame
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ledpi.core.records import Detection, Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix
+from ledpi.core.records import BodyPose, Detection, Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix
 from ledpi.core.shutter import row_mid_exposure_ns
+from ledpi.pose.bodies import BodySolver
 from ledpi.pose.branches import Branches
 from ledpi.pose.corners import centre_px, corners_at
 from ledpi.pose.fix import FixSolver, Robot
@@ -42,7 +43,11 @@ class Placer:
         up = robot.base_link_from_camera[2, :3] if robot is not None and robot.panels_upright else None
         self._branches = Branches(up)
         self._fixes: FixSolver | None = None
-        if robot is not None and robot.panels is not None and self._intrinsics is not None:
+        self._bodies: BodySolver | None = None
+        if robot is None or self._intrinsics is None:
+            return
+        self._bodies = BodySolver(self._intrinsics, robot.bodies, self._sides_m)
+        if robot.panels is not None:
             self._fixes = FixSolver(self._intrinsics, robot, robot.panels, self._sides_m)
 
     def place(self, frame: Frame, detections: list[Detection]) -> list[MarkerPose | Rejected]:
@@ -69,6 +74,10 @@ class Placer:
     def fix(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected | None:
         """Returns the robot's place in the map, or the reason why not; None without a map or a panel."""
         return self._fixes.solve(frame, markers) if self._fixes is not None and markers else None
+
+    def bodies(self, frame: Frame, markers: Sequence[MarkerPose]) -> list[BodyPose | Rejected]:
+        """Returns the poses of the bodies in view, or the reasons why not."""
+        return self._bodies.solve(frame, markers) if self._bodies is not None and markers else []
 
 
 def _marker(

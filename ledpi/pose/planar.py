@@ -12,9 +12,8 @@ import numpy as np
 from ledpi.core.geometry import matrix_from_quaternion, quad_side, quaternion_from_matrix, rotation_angle_deg
 from ledpi.core.lens import projected
 from ledpi.core.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
-from ledpi.pose import solver
+from ledpi.pose import refine
 from ledpi.pose.corners import whiteners
-from ledpi.pose.refine import STOP
 
 UNSOLVED = Rejected(stage="pose", reason="unsolved")
 NOT_SQUARE = Rejected(stage="pose", reason="not_square")
@@ -46,7 +45,7 @@ def solve_squares(
     makes the best of each, and the covariance is (JᵀWJ)⁻¹ there; larger where corners that no pose explains show that
     they err by more than they say. A minimum that is alone has its mirror image beside it.
     """
-    found, solved = solver.solve_squares(corners_px, whiteners(covariances_px2), np.array(sides_m), intrinsics, STOP)
+    found, solved = refine.fit_squares(corners_px, whiteners(covariances_px2), np.array(sides_m), intrinsics)
     both = [
         (_solution(one), _solution(other)) if there else None
         for (one, other), there in zip(found, solved.tolist(), strict=True)
@@ -62,12 +61,12 @@ def _solution(numbers: Floats) -> PlanarSolution:
     """From what C has found."""
     return PlanarSolution(
         camera_from_marker=Pose(
-            position_m=numbers[solver.POSITION],
-            quaternion_wxyz=numbers[solver.QUATERNION],
-            covariance=numbers[solver.COVARIANCE].reshape(6, 6),
+            position_m=numbers[refine.POSITION],
+            quaternion_wxyz=numbers[refine.QUATERNION],
+            covariance=numbers[refine.COVARIANCE].reshape(6, 6),
         ),
-        reprojection_px=float(numbers[solver.REPROJECTION]),
-        chi2=float(numbers[solver.CHI2]),
+        reprojection_px=float(numbers[refine.REPROJECTION]),
+        chi2=float(numbers[refine.CHI2]),
     )
 
 
@@ -106,8 +105,8 @@ def _checked(one: PlanarSolution, other: PlanarSolution, square: _Square) -> Sol
 def _least_reprojection_px(square: _Square) -> float:
     """Returns that of the pose nearest in pixels. The weighted one may be far off corners of which little is known."""
     whiten, side_m = whiteners(np.zeros((1, 8, 8))), np.array([square.side_m])
-    found, _ = solver.solve_squares(square.corners_px[None], whiten, side_m, square.lens, STOP)
-    return float(found[0, :, solver.REPROJECTION].min())
+    found, _ = refine.fit_squares(square.corners_px[None], whiten, side_m, square.lens)
+    return float(found[0, :, refine.REPROJECTION].min())
 
 
 def _apart_deg(one: PlanarSolution, other: PlanarSolution) -> float:

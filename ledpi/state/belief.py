@@ -42,13 +42,14 @@ class Belief:
     # Those that agree with it, and the pose's covariance before they were first seen; None of the one it began with.
     witnesses: dict[int, Floats | None] = field(default_factory=dict)
     seen_ns: dict[int, int] = field(default_factory=dict)
+    asked: dict[int, tuple[int, int, float]] = field(default_factory=dict)  # when last, how often in turn, mean answer
 
     def copy(self) -> Belief:
-        return Belief(self.filter.copy(), self.witnesses.copy(), self.seen_ns.copy())
+        return Belief(self.filter.copy(), self.witnesses.copy(), self.seen_ns.copy(), self.asked.copy())
 
     def start(self, look: Look) -> None:
         self.filter.start(look)
-        self.witnesses, self.seen_ns = {look.panel: None}, {look.panel: look.t_ns}
+        self.witnesses, self.seen_ns, self.asked = {look.panel: None}, {look.panel: look.t_ns}, {}
 
     def hear(self, look: Look, innovation: Innovation) -> bool:
         """Uses a look, if it may be of where the robot is. Returns whether.
@@ -60,7 +61,7 @@ class Belief:
         if innovation.chi2 > GATE[len(innovation.error)]:
             return False
         if panel not in self.witnesses and look.t_ns - self.seen_ns.get(panel, -MAX_GAP_NS) >= MAX_GAP_NS:
-            agrees, is_vague = evidence(innovation) <= AGREES, evidence(innovation, 0.0) > AGREES
+            agrees, is_vague = self._ask(look, innovation) <= AGREES, evidence(innovation, 0.0) > AGREES
             if agrees:
                 self.witnesses[panel] = self.filter.covariance
             elif is_vague and look.alternate is None:
@@ -70,6 +71,15 @@ class Belief:
         self.seen_ns[panel] = look.t_ns
         self.filter.update(innovation)
         return True
+
+    def _ask(self, look: Look, innovation: Innovation) -> float:
+        """Returns the evidence of a panel's looks in turn, their mean: one of many would agree by chance."""
+        before_ns, looks, mean = self.asked.get(look.panel, (-MAX_GAP_NS, 0, 0.0))
+        if look.t_ns - before_ns >= MAX_GAP_NS:
+            looks, mean = 0, 0.0
+        mean += (evidence(innovation) - mean) / (looks + 1)
+        self.asked[look.panel] = look.t_ns, looks + 1, mean
+        return mean
 
 
 @dataclass(slots=True)

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Literal, TypeAlias
 
 from cobs import cobs
 
 from ledpi.core.errors import WireError
-from ledpi.wire import bodies, state_bodies
-from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage
+from ledpi.wire.bodies import BODIES
+from ledpi.wire.message import Message
 from ledpi.wire.numbers import UnknownFlagsError
-from ledpi.wire.state_message import OdometryMessage, StateMessage, TimeAnswer, TimeAsk
+from ledpi.wire.state_message import OdometryMessage, TimeAnswer
 
 VERSION = 1
 DELIMITER = b"\0"
@@ -29,26 +28,9 @@ FrameFault: TypeAlias = Literal["length", "cobs", "crc", "value", "version", "ty
 _HEADER = struct.Struct("<BBH")  # version, type, sequence
 _CRC = struct.Struct("<I")
 
-
-class _Body(NamedTuple):
-    kind: int  # the type on the line
-    layout: struct.Struct
-    pack: Callable[[Any], bytes]
-    unpack: Callable[[bytes], Message]
-
-
-_BODIES: dict[type[Message], _Body] = {
-    MarkerMessage: _Body(1, bodies.MARKER, bodies.pack_marker, bodies.unpack_marker),
-    FixMessage: _Body(2, bodies.FIX, bodies.pack_fix, bodies.unpack_fix),
-    StatusMessage: _Body(3, bodies.STATUS, bodies.pack_status, bodies.unpack_status),
-    StateMessage: _Body(4, state_bodies.STATE, state_bodies.pack_state, state_bodies.unpack_state),
-    OdometryMessage: _Body(16, state_bodies.ODOMETRY, state_bodies.pack_odometry, state_bodies.unpack_odometry),
-    TimeAsk: _Body(17, state_bodies.TIME_ASK, state_bodies.pack_time_ask, state_bodies.unpack_time_ask),
-    TimeAnswer: _Body(18, state_bodies.TIME_ANSWER, state_bodies.pack_time_answer, state_bodies.unpack_time_answer),
-}
 FROM_CONTROLLER: tuple[type[Message], ...] = (OdometryMessage, TimeAnswer)
-FROM_LEDPI: tuple[type[Message], ...] = tuple(message for message in _BODIES if message not in FROM_CONTROLLER)
-_BY_KIND = {body.kind: (message, body) for message, body in _BODIES.items()}
+FROM_LEDPI: tuple[type[Message], ...] = tuple(message for message in BODIES if message not in FROM_CONTROLLER)
+_BY_KIND = {body.kind: (message, body) for message, body in BODIES.items()}
 
 
 class FrameError(WireError):
@@ -62,7 +44,7 @@ class FrameError(WireError):
 
 def encode(message: Message, sequence: int) -> bytes:
     """The whole frame, delimiter included: its kind's bytes on docs/wire.md. `sequence` is 0 to 65535."""
-    body = _BODIES[type(message)]
+    body = BODIES[type(message)]
     content = _HEADER.pack(VERSION, body.kind, sequence) + body.pack(message)
     return bytes(cobs.encode(content + _CRC.pack(zlib.crc32(content)))) + DELIMITER
 

@@ -13,11 +13,13 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from ledpi.core.errors import ConfigError, WireError
-from ledpi.core.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
+from ledpi.core.geometry import matrix_from_quaternion, matrix_from_rpy_deg, quaternion_from_matrix, rpy_deg_from_matrix
 from ledpi.core.records import Floats, PanelMap
 from ledpi.core.wording import install_command
-from ledpi.wire.mavlink_time import TimeQuestions
+from ledpi.pose.bodies import FIRST_ID as FIRST_BODY_ID
+from ledpi.wire.mavlink_heard import TimeQuestions, own_component
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, SyncAnswer
+from ledpi.wire.state_message import U16, StateMessage, TimeAsk
 
 Profile: TypeAlias = Literal["ardupilot", "px4"]
 
@@ -29,6 +31,10 @@ JUMP_RAD, JUMP_RAD_S = math.radians(30.0), 2.0 * math.pi
 # PX4 meets a target's direction with the ground. Nearer to the horizon a degree of tilt is more than a tenth of the
 # height, and a panel above has no such point at all.
 PX4_STEEPEST_TANGENT = math.tan(math.radians(60.0))
+
+# Of a floor that a robot drives on: it may be a slope, and a storey above the map's origin is another map.
+FLOOR_M, FLOOR_RAD = 1.0, math.radians(5.0)
+_PLANE = [0, 1, 5]  # x, y, yaw among x, y, z, roll, pitch, yaw
 
 NED_FROM_ENU = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_FROM_FLU = np.diag([1.0, -1, -1])
@@ -52,15 +58,22 @@ class Mavlink:
     """Encodes what an Outbox gives. Holds the packets' number, and the last fix to see where one has jumped."""
 
     def __init__(
-        self, *, base_link_from_camera: Floats, profile: Profile, system: int = 1, resets: Resets | None = None
+        self,
+        *,
+        base_link_from_camera: Floats,
+        profile: Profile,
+        system: int = 1,
+        resets: Resets | None = None,
+        tells_state: bool = False,
     ) -> None:
         """`system`: the vehicle's, of which we are a part. `resets`: where jumps are counted, also those before.
 
-        Raises ConfigError without pymavlink.
+        `tells_state`: in place of the fixes, which are in it. Raises ConfigError without pymavlink.
         """
         self._dialect = load_dialect()
-        component = self._dialect.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
+        component = own_component(self._dialect)
         self._packer: Any = self._dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._tells_state = tells_state
         self.questions = TimeQuestions(self._dialect)
         self._frd_from_camera = FRD_FROM_FLU @ base_link_from_camera[:3]
         self._profile = profile
@@ -75,10 +88,14 @@ class Mavlink:
         match message:
             case MarkerMessage():
                 fields = self._landing_target(message, _picture_us(first_byte_ns, message.age_us))
-            case FixMessage():
+            case FixMessage() if not self._tells_state:
                 fields = self._vision_position(message, _picture_us(first_byte_ns, message.age_us))
             case StatusMessage():
                 fields = self._heartbeat(message)
+            case StateMessage():
+                fields = self._odometry(message)
+            case TimeAsk():  # its number is in the lowest bits of the time, which comes back as it is
+                fields = self._dialect.MAVLink_timesync_message(0, first_byte_ns & ~U16 | message.number)
             case SyncAnswer():  # the middle of its stay here, so that it does not matter how long that was
                 held_ns = (message.arrived_ns + first_byte_ns) // 2
                 fields = self._dialect.MAVLink_timesync_message(held_ns, message.asked_ns)
@@ -110,7 +127,7 @@ class Mavlink:
         return d.MAVLink_heartbeat_message(d.MAV_TYPE_ONBOARD_CONTROLLER, d.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
 
     def _landing_target(self, marker: MarkerMessage, picture_us: int) -> Any:
-        if marker.pose is None or marker.alternate:
+        if marker.pose is None or marker.alternate or marker.id >= FIRST_BODY_ID:
             return None
         if marker.id > 0xFF:
             raise WireError(f"marker {marker.id}: LANDING_TARGET's target_num holds 0 to 255")
@@ -158,6 +175,28 @@ class Mavlink:
             (self._resets.jumps + fix.map_resets) % 256,
         )
 
+    def _odometry(self, state: StateMessage) -> Any:
+        """The state in the plane; of height, roll and pitch it knows no more than that the robot stands on a floor."""
+        if state.position_m is None or state.t_ns is None:
+            return None
+        assert state.yaw_rad is not None
+        assert state.velocity is not None
+        rotation = NED_FROM_ENU @ matrix_from_rpy_deg(0.0, 0.0, math.degrees(state.yaw_rad)) @ FRD_FROM_FLU
+        frames = self._dialect.MAV_FRAME_LOCAL_NED, self._dialect.MAV_FRAME_LOCAL_FRD
+        return self._dialect.MAVLink_odometry_message(
+            state.t_ns // 1000,
+            frames[self._profile == "ardupilot"],  # which takes no other, and takes it for north, east and down
+            self._dialect.MAV_FRAME_BODY_FRD,
+            *(NED_FROM_ENU @ [*state.position_m, 0.0]).tolist(),
+            quaternion_from_matrix(rotation).tolist(),
+            *(state.velocity[0], 0.0, 0.0),
+            *(0.0, 0.0, -state.velocity[1]),
+            _upper_triangle(_in_space(state), rotation),
+            _UNKNOWN,
+            (state.relocalisations + state.map_resets) % 256,
+            self._dialect.MAV_ESTIMATOR_TYPE_VISION,
+        )
+
     def _count_jump(self, picture_us: int, position_m: Floats, rotation: Floats) -> None:
         if self._last_fix is not None:
             last_us, last_position_m, last_rotation = self._last_fix
@@ -167,6 +206,9 @@ class Mavlink:
             turned_rad = math.acos(max(-1.0, min(1.0, cosine)))
             self._resets.jumps += moved_m > JUMP_M + JUMP_M_S * seconds or turned_rad > JUMP_RAD + JUMP_RAD_S * seconds
         self._last_fix = (picture_us, position_m, rotation)
+
+
+_UNKNOWN = [math.nan] + [0.0] * 20  # both autopilots look at the first; ArduPilot adds others up
 
 
 def _picture_us(first_byte_ns: int, age_us: int) -> int:
@@ -180,11 +222,10 @@ def _upper_triangle(covariance: Floats | None, ned_from_frd: Floats) -> list[flo
     Rotations about fixed axes become roll, pitch and yaw by the inverse of ω = J·(roll', pitch', yaw'), whose columns
     are the axes that each angle turns about. Where the vehicle stands on its nose or tail there is no inverse.
     """
-    unknown = [math.nan] + [0.0] * 20  # both autopilots look at the first; ArduPilot adds others up
     roll_axis = ned_from_frd[:, 0]
     level = math.hypot(roll_axis[0], roll_axis[1])
     if covariance is None or level < 1e-3:
-        return unknown
+        return _UNKNOWN
     pitch_axis = np.array([-roll_axis[1], roll_axis[0], 0.0]) / level
     angles_from_axes = np.linalg.inv(np.column_stack([roll_axis, pitch_axis, [0.0, 0.0, 1.0]]))
     change = np.zeros((6, 6))
@@ -192,7 +233,18 @@ def _upper_triangle(covariance: Floats | None, ned_from_frd: Floats) -> list[flo
     change[3:, 3:] = angles_from_axes @ NED_FROM_ENU
     values: Floats = (change @ covariance @ change.T)[np.triu_indices(6)]
     fit = np.all(np.abs(values) < np.finfo(np.float32).max) and np.all(values[[0, 6, 11, 15, 18, 20]] >= 0)
-    return [float(value) for value in values] if fit else unknown
+    return [float(value) for value in values] if fit else _UNKNOWN
+
+
+def _in_space(state: StateMessage) -> Floats:
+    """(6, 6) of x, y, z and the rotation about them, of a state's in x, y and yaw."""
+    assert state.deviations is not None
+    assert state.correlations is not None
+    xy, x_yaw, y_yaw = state.correlations
+    linked = np.array([[1.0, xy, x_yaw], [xy, 1.0, y_yaw], [x_yaw, y_yaw, 1.0]])
+    covariance = np.diag([0.0, 0.0, FLOOR_M**2, FLOOR_RAD**2, FLOOR_RAD**2, 0.0])
+    covariance[np.ix_(_PLANE, _PLANE)] = np.outer(state.deviations, state.deviations) * linked
+    return covariance
 
 
 @dataclass

@@ -12,7 +12,7 @@ from enum import IntEnum
 from typing import ClassVar, TypeAlias
 
 from ledpi.core.errors import WireError
-from ledpi.core.records import Floats, MarkerPose, Pose, RobotFix
+from ledpi.core.records import BodyPose, Floats, MarkerPose, Pose, RobotFix
 from ledpi.wire.numbers import POSITION_MAX_UNITS, UNITS_PER_SI, Triple, check_range
 from ledpi.wire.state_message import OdometryMessage, StateMessage, TimeAnswer, TimeAsk
 
@@ -77,7 +77,7 @@ class WirePose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerMessage:
-    """One panel: camera_from_marker, in OpenCV's optical frame."""
+    """One panel, or a body of several: camera_from_marker, in OpenCV's optical frame."""
 
     name: ClassVar = "marker"
     id: int  # 0 to 65535
@@ -151,8 +151,10 @@ Message: TypeAlias = (
 )
 
 
-def marker_message(marker: MarkerPose, *, age_us: int, alternate: bool = False) -> MarkerMessage:
-    """The message of a marker, or of its alternate. Raises WireError for a pose that must not be sent."""
+def marker_message(marker: MarkerPose | BodyPose, *, age_us: int, alternate: bool = False) -> MarkerMessage:
+    """The message of a marker, of its alternate, or of a body. Raises WireError for a pose that must not be sent."""
+    if isinstance(marker, BodyPose):
+        return MarkerMessage(id=marker.id, age_us=age_us, pose=wire_pose(marker.camera_from_body))
     solution = marker.alternate if alternate else marker.solution
     return MarkerMessage(
         id=marker.detection.id,

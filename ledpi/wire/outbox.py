@@ -8,7 +8,7 @@ from functools import partial
 from typing import TypeAlias, TypeVar
 
 from ledpi.core.errors import WireError
-from ledpi.core.records import Decoded, MarkerPose, RobotFix
+from ledpi.core.records import BodyPose, Decoded, MarkerPose, RobotFix
 from ledpi.wire.message import (
     FixMessage,
     MarkerMessage,
@@ -33,6 +33,7 @@ ASK_PERIOD_NS = 500_000_000  # between two questions for the controller's clock
 AGE_SLACK_NS = 1_000_000
 
 _Key: TypeAlias = tuple[int, bool]  # ID, and whether this is the alternate
+_Placed: TypeAlias = tuple[MarkerPose | BodyPose, int]  # with its mid-exposure on the host's clock
 _M = TypeVar("_M", FixMessage, MarkerMessage)
 
 
@@ -51,7 +52,7 @@ class Outbox:
         self._status_period_ns = status_period_ns
         self._map_resets = map_resets
         self._fix: tuple[RobotFix, int] | None = None  # with its mid-exposure on the host's clock
-        self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
+        self._markers: dict[_Key, _Placed] = {}
         self._state: tuple[StateMessage, int] | None = None  # with the time at which it holds
         self._state_was_last = False
         self._answer: SyncAnswer | None = None
@@ -76,11 +77,13 @@ class Outbox:
                 self._put_marker((marker.detection.id, True), marker, mid_ns)
             elif self._markers.pop((marker.detection.id, True), None) is not None:
                 self.replaced += 1
+        for body in decoded.bodies:
+            self._put_marker((body.id, False), body, body.mid_exposure_ns + decoded.host_offset_ns)
         if decoded.robot is not None:
             self.replaced += self._fix is not None
             self._fix = (decoded.robot, decoded.robot.mid_exposure_ns + decoded.host_offset_ns)
 
-    def _put_marker(self, key: _Key, marker: MarkerPose, mid_ns: int) -> None:
+    def _put_marker(self, key: _Key, marker: MarkerPose | BodyPose, mid_ns: int) -> None:
         self.replaced += key in self._markers
         self._markers[key] = (marker, mid_ns)  # a key that is there keeps its place
 
@@ -174,7 +177,7 @@ class Outbox:
         else:
             self.replaced += 1
 
-    def _put_back_marker(self, key: _Key, marker: tuple[MarkerPose, int]) -> None:
+    def _put_back_marker(self, key: _Key, marker: _Placed) -> None:
         waiting = (self._markers.get((key[0], alternate)) for alternate in (False, True))
         if all(other is None or other[1] <= marker[1] for other in waiting):
             self._markers = {key: marker} | self._markers

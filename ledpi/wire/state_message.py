@@ -6,7 +6,7 @@ Records are valid once built, as those of message.py. A controller's clock is 32
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import ClassVar
 
@@ -48,6 +48,7 @@ class StateMessage:
     map_resets: int = 0  # modulo 256, as the next
     relocalisations: int = 0
     panels: int = 0  # that are followed in it
+    t_ns: int | None = field(default=None, compare=False, repr=False)  # CLOCK_MONOTONIC; our packets hold none
 
     def __post_init__(self) -> None:
         pose = (self.position_m, self.yaw_rad, self.velocity, self.deviations, self.correlations)
@@ -145,6 +146,7 @@ def state_message(state: State | None, *, clock_us: int | None, map_resets: int 
         map_resets=resets,
         relocalisations=state.relocalisations % 256,
         panels=state.panels,
+        t_ns=state.t_ns,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 from tests.builders import ROOT
@@ -17,7 +18,8 @@ def file_of(module: str, root: Path = ROOT) -> Path | None:
     return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
-def imports_of(path: Path) -> set[str]:
+@cache
+def imports_of(path: Path) -> frozenset[str]:
     """Every module that a file imports, also inside functions; `from a import b` may mean a or a.b."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -26,12 +28,12 @@ def imports_of(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: imports are absolute here"
             found |= {str(node.module)} | {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
+    return frozenset(found)
 
 
-def reached_from(modules: Iterable[str], root: Path = ROOT, stop_at: str = "") -> dict[str, set[str]]:
+def reached_from(modules: Iterable[str], root: Path = ROOT, stop_at: str = "") -> dict[str, frozenset[str]]:
     """The ledpi modules that these lead to, themselves included, each with all that it imports."""
-    reached: dict[str, set[str]] = {}
+    reached: dict[str, frozenset[str]] = {}
     waiting = list(modules)
     while waiting:
         module = waiting.pop()

@@ -6,13 +6,13 @@ import signal
 import sys
 
 from ledpi.daemon.service import Service
-from tests.builders.faults import FAULTS, RIGHT, camera_of, config_of
+from tests.builders.faults import FAULTS, camera_of, config_of
 
 
 def main() -> None:
     """Until SIGTERM."""
     folder, name = sys.argv[1:3]
-    fault = FAULTS.get(name, RIGHT)
+    fault = FAULTS[name]
     config = config_of(fault, f"tap.socket={folder}/tap.sock", f"serial.port={folder}/none")
     service = Service(lambda: config, lambda _: camera_of(fault, config, paced=True))
     signal.signal(signal.SIGTERM, lambda *_: service.stop())

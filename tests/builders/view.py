@@ -43,15 +43,6 @@ class Page:
         """A JSON answer of the page's server."""
         return json.loads(self.asked(path))
 
-    def frame(self, kind: str) -> dict[str, Any]:
-        """Returns what is told with the next picture."""
-        data = b""
-        while not data:  # no picture yet
-            data = self.asked(f"/api/frame?kind={kind}")
-        size = int.from_bytes(data[:4], "big")
-        told: dict[str, Any] = json.loads(data[4 : 4 + size])
-        return told
-
     def asked(self, path: str) -> bytes:
         """The answer as it comes."""
         request = Request(f"http://127.0.0.1:{self.port}{path}", headers={"Authorization": f"Bearer {self.token}"})

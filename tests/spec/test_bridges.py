@@ -6,6 +6,7 @@ A daemon's end of the tap shows a frame each 20 ms. Its panel's x holds the fram
 from __future__ import annotations
 
 import itertools
+import json
 import re
 import socket
 import time
@@ -70,23 +71,6 @@ def shows(daemon: MadeUpDaemon, frames: int) -> None:
 
 
 @pytest.mark.slow
-def test_frames_arrive_in_order_with_their_age(far: Far, running: Running, daemon: MadeUpDaemon) -> None:
-    """Each once, none older than allowed when it is sent."""
-    frames = frames_after(far, len(far.frames))
-    numbers = [seq for _, seq, _ in frames]
-    assert numbers == sorted(set(numbers))
-    for at_ns, seq, age_us in frames:
-        since_exposure_us = (at_ns - daemon.exposed_ns[seq]) / 1000
-        if far.tells_age:
-            assert 0 <= age_us <= min(MAX_AGE_US, since_exposure_us + 1)
-        else:  # by two clocks, which a slow machine compares badly
-            assert age_us == pytest.approx(since_exposure_us, abs=MAX_AGE_US)
-    counters = running.end()
-    assert counters["sent"] >= len(frames)
-    assert counters["opened"] == 1
-
-
-@pytest.mark.slow
 def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(
     far: Far, running: Running, daemon: MadeUpDaemon
 ) -> None:
@@ -115,11 +99,14 @@ def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(
 
 @pytest.mark.slow
 def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(
-    far: Far, running: Running, daemon: MadeUpDaemon
+    far: Far, running: Running, daemon: MadeUpDaemon, tmp_path: Path
 ) -> None:
-    """Once it has read those, what comes is new."""
+    """Once it has read those, what comes is new. Another follower of the tap gets every frame meanwhile."""
     far.block()
-    shows(daemon, 125)
+    other = Raw(tmp_path / "tap.sock")
+    seqs = [other.next("decoded")["seq"] for _ in range(50)]
+    assert seqs == list(range(seqs[0], seqs[0] + 50))
+    shows(daemon, 75)
     since, woke = len(far.frames), daemon.last_seq
     far.unblock()
     wait_until(lambda: any(seq > woke + 50 for _, seq, _ in far.frames[since:]))
@@ -140,7 +127,7 @@ def test_all_of_a_network_get_datagrams(daemon: MadeUpDaemon, tmp_path: Path) ->
         listener.settimeout(limit_s())
         far = {"kind": "udp", "host": "127.255.255.255", "port": listener.getsockname()[1]}
         with bridge(far, tmp_path / "tap.sock", tmp_path):
-            assert b"decoded" in listener.recv(1 << 16) + listener.recv(1 << 16)
+            wait_until(lambda: json.loads(listener.recv(1 << 16))["type"] == "decoded")
             daemon.frame = {"type": "robot_state", "t_ns": time.monotonic_ns()}
             wait_until(lambda: b"robot_state" in listener.recv(1 << 16))
 
@@ -158,18 +145,20 @@ def test_a_computer_that_is_too_slow_is_told_of(daemon: MadeUpDaemon, tmp_path: 
 
 
 @pytest.mark.slow
-def test_a_far_end_that_blocks_delays_no_other_follower_of_the_tap(far: Far, running: Running, tmp_path: Path) -> None:
-    """They get every frame."""
-    far.block()
-    other = Raw(tmp_path / "tap.sock")
-    seqs = [other.next("decoded")["seq"] for _ in range(50)]
-    assert seqs == list(range(seqs[0], seqs[0] + 50))
-    far.unblock()
-
-
-@pytest.mark.slow
 def test_no_fault_on_either_side_stops_it(far: Far, running: Running, daemon: MadeUpDaemon, tmp_path: Path) -> None:
-    """One after the other: each time frames go on, and what the tap has missed by its own word is counted."""
+    """Frames arrive, each once and in order, none older than allowed when it is sent; and go on after each fault.
+
+    What the tap has missed by its own word is counted.
+    """
+    frames = frames_after(far, len(far.frames))
+    numbers = [seq for _, seq, _ in frames]
+    assert numbers == sorted(set(numbers))
+    for at_ns, seq, age_us in frames:
+        since_exposure_us = (at_ns - daemon.exposed_ns[seq]) / 1000
+        if far.tells_age:
+            assert 0 <= age_us <= min(MAX_AGE_US, since_exposure_us + 1)
+        else:  # by two clocks, which a slow machine compares badly
+            assert age_us == pytest.approx(since_exposure_us, abs=MAX_AGE_US)
     far.send_garbage()
     assert frames_after(far, len(far.frames))
     for fault in ({"markers": [{"id": 7}]}, {"dropped": 7}):  # fits no message; the tap had no room for this client
@@ -183,25 +172,28 @@ def test_no_fault_on_either_side_stops_it(far: Far, running: Running, daemon: Ma
     wait_until(lambda: sum(seq < FIRST for _, seq, _ in far.frames) > 5)  # they begin at 1 again, and are new
     again.close()
     assert running.process.poll() is None
-    assert running.end()["missed"] == 7
+    counters = running.end()
+    assert counters["missed"] == 7
+    assert counters["sent"] >= len(frames)
+    assert counters["opened"] == 1
 
 
 @pytest.mark.slow
 def test_memory_stays_as_it_is_while_a_far_end_is_in_trouble(far: Far, running: Running, daemon: MadeUpDaemon) -> None:
-    """Half of them vanish, the others block. A thousand frames would be some megabytes, were they kept."""
+    """Half of them vanish, the others block. So many frames would be some megabytes, were they kept."""
     vanishes = far.kind in ("tcp", "nt", "zenoh")
     shows(daemon, 100)
     far.vanish() if vanishes else far.block()
     daemon.frame_s = 0.005  # a stand-in for a longer trouble
-    shows(daemon, 400)
+    shows(daemon, 300)
     before = memory_kb(running.process.pid)
-    shows(daemon, 1000)
+    shows(daemon, 600)
     grown_kb = memory_kb(running.process.pid) - before
     if vanishes:
         far.start()
     far.unblock()
     assert running.process.poll() is None
-    assert grown_kb < 1000
+    assert grown_kb < 600
 
 
 def memory_kb(pid: int) -> int:

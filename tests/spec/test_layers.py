@@ -163,6 +163,7 @@ def test_run_reaches_no_workshop_tool() -> None:
     assert breaches(RUN, WORKSHOP, stop_at="ledpi.cli") == []
 
 
+@pytest.mark.slow
 def test_run_loads_no_workshop_tool() -> None:
     """With all loaded that `run` may ever load, no library has brought scipy or matplotlib in."""
     modules = sorted(reached_from(RUN, stop_at="ledpi.cli"))

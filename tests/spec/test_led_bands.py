@@ -49,7 +49,10 @@ def test_without_the_photographs_it_says_what_is_missing(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_real_lamps_show_the_predicted_bands(shared: Callable[[str], Path]) -> None:
-    """Every photograph, at every frequency, correlates at 0.98 or better, and by far less at a frequency 10 % off."""
+    """Every photograph, at every frequency, correlates at 0.98 or better, and by far less at a frequency 10 % off.
+
+    Leaves mostly tone under sRGB: with the curve from photographs at 500 Hz, the others' median is 0.99 or better.
+    """
     found, _ = bench.photographs(shared("real/led_bands"))
     assert len(found) > 90
     right, wrong = (bench.correlations(found, bench.srgb_tone, scale=scale) for scale in (1.0, 1.1))
@@ -58,12 +61,6 @@ def test_real_lamps_show_the_predicted_bands(shared: Callable[[str], Path]) -> N
     assert {f: min(values) for f, values in right.items() if min(values) < 0.98} == {}
     assert max(max(values) for values in wrong.values()) < 0.95
     assert max(float(np.median(values)) for values in wrong.values()) < 0.9
-
-
-@pytest.mark.slow
-def test_a_tone_curve_measured_at_500_hz_holds_at_other_frequencies(shared: Callable[[str], Path]) -> None:
-    """Leaves mostly tone under sRGB: with the curve from other photographs, 0.99 or better."""
-    found, _ = bench.photographs(shared("real/led_bands"))
     tone = bench.measured_tone([p for p in found if p.frequency_hz == 500.0])
     for frequency, values in bench.correlations([p for p in found if p.frequency_hz != 500.0], tone).items():
         assert np.median(values) > 0.99, frequency

@@ -46,7 +46,7 @@ def test_what_hides_a_strip_of_a_side_is_in_the_covariance(seeds: tuple[int, ...
 @pytest.mark.parametrize(
     ("seeds", "exposure_us", "most"),
     [
-        (range(8), 600.0, 0.003),
+        (range(5), 600.0, 0.003),
         pytest.param(range(150), 600.0, 0.003, marks=pytest.mark.nightly),
         pytest.param(range(10), 10_000.0, 0.01, marks=pytest.mark.slow),
         pytest.param(range(100), 10_000.0, 0.01, marks=pytest.mark.nightly),

@@ -19,7 +19,7 @@ DICTIONARIES = ("DICT_4X4_50", "DICT_4X4_250", "DICT_5X5_100")
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 PLACE = np.array([0.02, -0.09, 0.75])  # of the panel; a hand's breadth below its middle is the floor
 FLOOR_M = 0.02
-SUBSET = 4  # of each dictionary, beside what a mirror is known to show
+SUBSET = 3  # of each dictionary, beside what a mirror is known to show
 
 
 def over_the_floor(dictionary: str, marker_id: int, exposure_us: float) -> Scene:
@@ -77,11 +77,11 @@ def test_no_reflection_of_some_is_read(dictionary: str) -> None:
     assert len(missed) <= 1
 
 
-@pytest.mark.parametrize("step", [pytest.param(20, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("step", [pytest.param(40, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize(("exposure_us", "first"), [(10_000.0, 0), (150.0, 1)])
 @pytest.mark.parametrize("dictionary", ["DICT_4X4_250", "DICT_5X5_100"])
 def test_no_reflection_is_read(dictionary: str, exposure_us: float, first: int, step: int) -> None:
-    """Tries a tenth, or every ID, each second one at either exposure; DICT_4X4_50 is the beginning of DICT_4X4_250."""
+    """Tries a twentieth, or every ID, each second one at either exposure. DICT_4X4_250 begins with DICT_4X4_50."""
     ids = list(range(first, len(load_dictionary(dictionary).codewords), step))
     missed, misread = missed_or_misread(dictionary, ids, exposure_us)
     assert misread == []

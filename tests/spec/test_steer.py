@@ -6,10 +6,14 @@ import math
 import re
 import subprocess
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from evaluation.drives.docking import Docking, dock
+from examples import tap_dock
+from examples.tap_robot import STAND, Seen
 from ledpi.wire import Mode, OdometryMessage, Receiver, StateMessage
 from ledpi.wire.codec import FROM_CONTROLLER, encode
 from tests.builders import ROOT
@@ -19,19 +23,43 @@ from tests.builders.simavr import CLOCK_HZ, emulate, needs_simavr
 BAUD = 115200
 
 
+class InPython:
+    """The example on the tap, that is told what the bytes of a line say."""
+
+    def begin(self, goal: tuple[float, float, float], panel_m: float) -> None:
+        self._receiver, self._state, self._steering = Receiver(), dict[str, Any](t_ns=0), tap_dock.dock()
+        assert (goal, panel_m) == ((tap_dock.GOAL, 0.0, 0.0), tap_dock.PANEL_M)
+        next(self._steering)
+
+    def hear(self, line: bytes, now_us: int) -> None:
+        (said,) = self._receiver.feed(line)
+        assert isinstance(said, StateMessage)
+        self._state = {"mode": "none" if said.mode is Mode.NONE else "odometry", "contested": said.contested}
+        self._state |= {"t_ns": 1000 * (said.clock_us or 0), "position_m": said.position_m, "yaw_rad": said.yaw_rad}
+        self._state |= {"velocity": said.velocity, "covariance": np.diag(said.deviations or np.zeros(3)).ravel() ** 2}
+
+    def dock(self, now_us: int) -> tuple[tuple[float, float], bool]:
+        seen = Seen(self._state, 1000 * now_us)
+        try:
+            return self._steering.send(seen) if seen.is_known() else STAND, False
+        except StopIteration:
+            return STAND, True
+
+
 @needs_gcc
 @pytest.mark.parametrize(
-    ("seed", "asked"),
+    ("seed", "asked", "steers"),
     [
-        pytest.param(8, Docking(), id="gyro"),
-        pytest.param(15, Docking(gyro=False), id="wheels: the panel leaves the view", marks=pytest.mark.slow),
-        pytest.param(5, Docking(dead_band_m_s=0.04), id="dead band", marks=pytest.mark.slow),
-        pytest.param(1, Docking(side_share=0.01), id="side_m 1 % off", marks=pytest.mark.slow),
+        pytest.param(8, Docking(), None, id="gyro"),
+        pytest.param(15, Docking(gyro=False), None, id="wheels: the panel leaves the view", marks=pytest.mark.slow),
+        pytest.param(15, Docking(gyro=False), InPython(), id="the program on the tap", marks=pytest.mark.slow),
+        pytest.param(5, Docking(dead_band_m_s=0.04), None, id="dead band", marks=pytest.mark.slow),
+        pytest.param(1, Docking(side_share=0.01), None, id="side_m 1 % off", marks=pytest.mark.slow),
     ],
 )
-def test_it_docks(seed: int, asked: Docking) -> None:
+def test_it_docks(seed: int, asked: Docking, steers: InPython | None) -> None:
     """Within 10 mm and 1.5°, and does not touch the wall; `evaluation.drives` does it from a hundred starts."""
-    done = dock(seed, asked)
+    done = dock(seed, asked, steers)
     assert not done.touched
     assert math.hypot(*done.error[:2]) < 0.010
     assert abs(math.degrees(done.error[2])) < 1.5

@@ -62,24 +62,6 @@ def test_decode_tells_where_the_robot_is(take: Path) -> None:
 
 
 @pytest.mark.slow
-def test_without_a_map_there_is_no_fix(take: Path) -> None:
-    """And nothing is rejected for it."""
-    done = ledpi("decode", "rec", cwd=take)
-    last = json.loads(done.stdout.splitlines()[-1])
-    assert last["robot"] is None
-    assert not any(key.startswith("fix.") for key in last["rejected"])
-
-
-@pytest.mark.slow
-def test_a_bad_map_is_reported_in_one_line(take: Path) -> None:
-    """Before anything is decoded."""
-    (take / "bad.yaml").write_text("panels: {7: {position_m: [0, 0, 0], quaternion_wxyz: [0, 0, 0, 0]}}")
-    done = ledpi("decode", "--set", "map=bad.yaml", "rec", cwd=take)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.strip().endswith("and its is 0, not [0, 0, 0, 0]")
-    assert len(done.stderr.strip().splitlines()) == 1
-
-
 def test_the_line_carries_the_fix(take: Path) -> None:
     """`ledpi run`: fixes with deviations, two panels in each, and a status that says that there is one."""
     master, slave = os.openpty()

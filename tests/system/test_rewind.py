@@ -192,6 +192,7 @@ class Flaky(OtherCamera):
         return self._camera.read(into)
 
 
+@pytest.mark.slow
 def test_a_lost_camera_is_saved_once(takes: Path) -> None:
     """A camera that is lost again soon is the same fault."""
     camera = Flaky(every=25)

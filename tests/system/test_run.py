@@ -159,6 +159,7 @@ def test_a_line_each_second_says_how_it_goes(drive: Run) -> None:
 # ---- Recordings
 
 
+@pytest.mark.slow
 def test_a_bad_frame_is_counted_and_skipped(tmp_path: Path) -> None:
     """In the middle of a recording: it is named once, all others are decoded, and the run ends well."""
     write_recording(tmp_path / "take", 8)

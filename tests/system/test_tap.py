@@ -13,10 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 
-import numpy as np
 import pytest
 
-from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import TapError
 from ledpi.daemon.tap.client import connect
 from tests.builders.command import complaint, in_process, ledpi
@@ -24,6 +22,7 @@ from tests.builders.daemon import ROOT, SIMULATED, SIMULATED_YAML, controller, d
 from tests.builders.tap import Raw, at, reach
 from tests.builders.waiting import limit_s
 
+pytestmark = pytest.mark.slow  # each has a daemon
 FOR_EVER = ("--frames", "1000000")  # round and round
 
 
@@ -49,7 +48,6 @@ def _no_client_is_left() -> Iterator[None]:
 # ---- What it tells
 
 
-@pytest.mark.slow
 def test_the_lines_are_those_of_decode(tmp_path: Path) -> None:
     """Frame by frame, to the last digit; only the tap knows when a pose was true on this machine's clock."""
     write_recording(tmp_path / "take", 30)
@@ -81,21 +79,9 @@ def test_a_picture_shows_what_its_line_says(running: Path) -> None:
     assert (len(look["cells_nats"]), look["why"]) == (16, None)
 
 
-def test_cells_speak_for_the_class_that_they_are_of(running: Path) -> None:
-    """From the first corner toward the second: the word of ID 7, turned as the corners are."""
-    with connect(running) as client:
-        answer = client.picture("evidence")
-    (look,) = (look for look in answer["looks"] if look["id"] == 7)
-    (marker,) = answer["decoded"]["markers"]
-    distances = [np.hypot(*(np.array(corner) - look["corners_px"][0])) for corner in marker["corners_px"]]
-    word = np.rot90(load_dictionary("DICT_4X4_50").codeword(7), int(np.argmin(distances)))
-    assert [nats > 0 for nats in look["cells_nats"]] == [bool(bit) for bit in word.ravel()]
-
-
 # ---- Its life
 
 
-@pytest.mark.slow
 def test_a_reload_keeps_the_connection_and_says_hello_again(tmp_path: Path) -> None:
     """The new daemon's camera is in it."""
     config, path = tmp_path / "config.yaml", tmp_path / "tap.sock"
@@ -115,7 +101,6 @@ def test_a_reload_keeps_the_connection_and_says_hello_again(tmp_path: Path) -> N
     assert not path.exists()
 
 
-@pytest.mark.slow
 def test_a_client_hears_what_became_of_a_reload(tmp_path: Path) -> None:
     """The mistake, or that the new configuration is in force."""
     config, path = tmp_path / "config.yaml", tmp_path / "tap.sock"
@@ -131,7 +116,6 @@ def test_a_client_hears_what_became_of_a_reload(tmp_path: Path) -> None:
         client.ask("reload", limit_s())  # of the next daemon, too
 
 
-@pytest.mark.slow
 def test_a_reload_may_move_the_socket(tmp_path: Path) -> None:
     """The old one is gone when the new one answers; a place that cannot be leaves all as it was."""
     config, places = tmp_path / "config.yaml", [tmp_path / f"{name}.sock" for name in ("first", "second")]
@@ -155,7 +139,6 @@ def test_a_reload_may_move_the_socket(tmp_path: Path) -> None:
     assert (tmp_path / "mine").read_text(encoding="utf-8") == "mine"
 
 
-@pytest.mark.slow
 def test_a_reload_makes_a_socket_that_was_cleared_away_again(tmp_path: Path) -> None:
     """As by what clears /tmp now and then: nobody could reach the daemon any more."""
     config, path = tmp_path / "config.yaml", tmp_path / "tap.sock"
@@ -170,7 +153,6 @@ def test_a_reload_makes_a_socket_that_was_cleared_away_again(tmp_path: Path) -> 
     assert not path.exists()
 
 
-@pytest.mark.slow
 def test_where_auto_finds_no_place_the_daemon_runs_without(tmp_path: Path) -> None:
     """The poses matter more; it says so once."""
     (tmp_path / "ledpi").write_text("in the way", encoding="utf-8")
@@ -185,7 +167,6 @@ def test_where_auto_finds_no_place_the_daemon_runs_without(tmp_path: Path) -> No
 # ---- Who reads it
 
 
-@pytest.mark.slow
 def test_monitor_shows_a_line_for_each_panel(running: Path) -> None:
     """ID, distance, yaw, age, rate, margin; and how the daemon is."""
     done = ledpi("monitor", "--tap", str(running), "--seconds", "3")
@@ -199,24 +180,12 @@ def test_monitor_shows_a_line_for_each_panel(running: Path) -> None:
     assert "no port" in done.stdout
 
 
-@pytest.mark.slow
 def test_monitor_prints_a_line_a_second_into_a_pipe(running: Path) -> None:
     """Prints what it sees, why there is no fix, and how the daemon is; the table comes at the end."""
     done = ledpi("monitor", "--tap", str(running), "--seconds", "4")
     lines = [line for line in done.stdout.splitlines() if re.match(r"ID 7 1\.0\d\d m [-+][\d.]+° \| no fix: ", line)]
     assert 2 <= len(lines) <= 5, done.stdout
     assert re.search(r"\| (running|camera lost)", lines[-1])  # a busy machine's camera may be late for a moment
-
-
-@pytest.mark.slow
-def test_monitor_prints_lines_as_they_are(running: Path) -> None:
-    """With their times and numbers, the hello first."""
-    done = ledpi("monitor", "--json", "--tap", str(running), "--seconds", "1.5")
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
-    assert lines[0]["type"] == "hello"
-    frames = [line for line in lines if line["type"] == "decoded"]
-    assert all(line["exposed_ns"] < line["decoded_ns"] for line in frames)
-    assert len(frames) > 2
 
 
 def test_monitor_without_a_daemon_says_so(
@@ -230,7 +199,6 @@ def test_monitor_without_a_daemon_says_so(
         assert "start `ledpi run`" in said
 
 
-@pytest.mark.slow
 def test_snapshot_takes_the_daemons_frame_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without PATH; it needs no configuration of its own."""
     (tmp_path / "run").mkdir()
@@ -242,7 +210,6 @@ def test_snapshot_takes_the_daemons_frame_and_says_so(tmp_path: Path, monkeypatc
         assert (tmp_path / "x.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
 def test_snapshot_of_the_camera_itself_asks_no_daemon(
     running: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -309,10 +276,7 @@ def test_the_page_names_every_key(running: Path) -> None:
     assert keys - named == set()
 
 
-# It tells how late a daemon is: no other test may take the processor meanwhile.
-pytestmark = [pytest.mark.slow, pytest.mark.alone]
-
-
+@pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 def test_poses_leave_as_soon_with_a_crowd_as_without(tmp_path: Path) -> None:
     """Two that watch with pictures, ten that ask and never read, one that sends garbage: in turns with none of them."""
     write_recording(tmp_path / "take", 120)

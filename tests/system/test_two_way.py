@@ -6,9 +6,6 @@ import json
 import os
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,57 +13,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.camera.simulate.scene import SimulatedSensor
-from ledpi.camera.simulate.scenes import ov5647_lens, still_scene
 from ledpi.camera.simulate.trajectory import Gliding
-from ledpi.camera.simulated import SimulatedCamera
-from ledpi.config.settings import Config, load_config
-from ledpi.core.records import Frame, PanelSpec, Pixels, Rejected
-from ledpi.daemon.observers import close_tap, open_tap
-from ledpi.daemon.tap.server import Tap
+from ledpi.config.settings import load_config
 from ledpi.wire import Mode, OdometryMessage, Receiver, StateMessage, TimeAnswer, TimeAsk
 from ledpi.wire.codec import encode
 from ledpi.wire.diary import Frame as FrameMark
 from ledpi.wire.diary import read_diary
 from tests.builders.command import in_process
-from tests.builders.daemon import OtherCamera, daemon_in_thread
+from tests.builders.daemon import daemon_in_thread
+from tests.builders.driving import MAP, Drive, tap_of
 from tests.builders.tap import reach
 from tests.builders.waiting import limit_s, wait_until
 
-SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 SPEED_M_S = 0.1
 AHEAD_US, RATE = 4_294_000_000, 1.0001  # of the controller's clock: it wraps within the first second
-# Panels 7 and 23 stand 24 cm apart across the way, and 2 m ahead of where it begins: the map's origin.
-MAP = """
-deviations: {position_m: 0.003, angle_deg: 0.5}
-panels:
-  7: {position_m: [2, 0.12, 0], yaw_deg: 180}
-  23: {position_m: [2, -0.12, 0], yaw_deg: 180}
-"""
-
-
-class Drive(OtherCamera):
-    """A camera that glides toward two panels, and sees nothing once it is `dark`."""
-
-    def __init__(self) -> None:
-        lens = ov5647_lens(320, 240)
-        sensor = SimulatedSensor(intrinsics=lens, exposure_us=9966.32, row_time_us=33.67, frame_length_rows=1040)
-        scene = still_scene(sensor, dict.fromkeys((7, 23), SPEC), "DICT_4X4_50", distance_m=2.0, angle_deg=0.0)
-        glide = Gliding(start=np.eye(4), velocity_m_s=np.array([0.0, 0.0, SPEED_M_S]))
-        super().__init__(SimulatedCamera(replace(scene, camera_motion=glide), seed=1, paced=True))
-        self.began_ns = 0  # of the scene, CLOCK_MONOTONIC
-        self.dark = False
-
-    def read(self, into: Pixels) -> Frame | Rejected | None:
-        frame = self._camera.read(into)
-        if isinstance(frame, Frame):
-            self.began_ns = frame.host_offset_ns
-            if self.dark:
-                into[:] = 0
-        return frame
-
-    def x_m(self, t_s: float) -> float:
-        return SPEED_M_S * (t_s - self.began_ns * 1e-9)
+GLIDE = Gliding(start=np.eye(4), velocity_m_s=np.array([0.0, 0.0, SPEED_M_S]))
 
 
 class Wheels:
@@ -133,7 +94,7 @@ def test_the_controller_hears_where_it_is(tmp_path: Path) -> None:
     It is compared with the simulated drive at the time at which it says that it holds, on the controller's own clock.
     """
     (tmp_path / "markers.yaml").write_text(MAP)
-    wheels, drive = Wheels(), Drive()
+    wheels, drive = Wheels(), Drive(GLIDE)
     keys = ("panels.side_m=0.16", f"map={tmp_path}/markers.yaml", f"serial.port={wheels.port}", "tap.socket=null")
     keys += ("rewind.seconds=0", "odometry.source=serial", "serial.max_age_ms=2000")
     try:
@@ -168,7 +129,7 @@ def test_a_recording_gives_the_same_states(
     """A program on the tap is the controller. What it was told live, `ledpi decode` says again of the last seconds."""
     (tmp_path / "markers.yaml").write_text(MAP)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    drive = Drive()
+    drive = Drive(GLIDE)
     keys = ("panels.side_m=0.16", f"map={tmp_path}/markers.yaml", f"tap.socket={tmp_path}/tap.sock")
     live: dict[int, dict[str, Any]] = {}
     config = load_config(None, (*keys, "rewind.seconds=60", "odometry.source=tap"))
@@ -195,15 +156,6 @@ def test_a_recording_gives_the_same_states(
         assert [same[key] for key in NUMBERS] == [state[key] for key in NUMBERS]
 
 
-@contextmanager
-def tap_of(config: Config) -> Iterator[Tap | None]:
-    tap = open_tap(config)
-    try:
-        yield tap
-    finally:
-        close_tap(tap)
-
-
 NUMBERS = ("mode", "position_m", "yaw_rad", "covariance", "velocity", "way_m", "panels", "moved", "relocalisations")
 
 
@@ -221,6 +173,7 @@ def assert_near(wheels: Wheels, drive: Drive, since_s: float, until_s: float) ->
         assert state.deviations is not None
         holds_s = wheels.holds_s(at_s, state)
         assert holds_s == pytest.approx(at_s, abs=0.5)  # a busy machine may be late
-        errors_m = np.abs(np.array(state.position_m) - (drive.x_m(holds_s), 0.0))
+        true_m = SPEED_M_S * (holds_s - drive.began_ns * 1e-9), 0.0
+        errors_m = np.abs(np.array(state.position_m) - true_m)
         assert (errors_m < 3 * np.array(state.deviations[:2]) + 0.001).all()
         assert errors_m[0] < 0.03

@@ -110,6 +110,8 @@ def decoded(shown: Shown) -> dict[str, Any]:
     values = decoded_as_json(shown.decoded, "")
     for told, marker in zip(values["markers"], shown.decoded.markers, strict=True):
         told["exposed_ns"] = marker.mid_exposure_ns + offset_ns
+    for told, body in zip(values.get("bodies", ()), shown.decoded.bodies, strict=True):
+        told["exposed_ns"] = body.mid_exposure_ns + offset_ns
     if shown.decoded.robot is not None:
         values["robot"]["exposed_ns"] = shown.decoded.robot.mid_exposure_ns + offset_ns
     return {

@@ -18,7 +18,7 @@ from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import ConfigError, PictureError
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, MarkerPose, Pixels
 from ledpi.core.wording import shortened
-from ledpi.pipeline.api.marker import Fix, Marker, fix_of, marker_of
+from ledpi.pipeline.api.marker import Body, Fix, Marker, body_of, fix_of, marker_of
 from ledpi.pipeline.diagnosis.diagnose import not_read_in
 from ledpi.pipeline.diagnosis.why_not import WhyNot
 from ledpi.pipeline.pipeline import Pipeline, load_robot
@@ -27,7 +27,7 @@ from ledpi.pipeline.trace import Trace
 # What programs have: cv2.imread gives None where it cannot read a file, and its stubs know no dtype.
 Image: TypeAlias = "NDArray[Any] | None"
 _GREY = "must be grey, (height, width) uint8"
-_OUR_KEYS = re.compile(r"^configuration: ((panels|camera|robot)\.|(?=odometry\.))")
+_OUR_KEYS = re.compile(r"^configuration: ((panels|camera|robot)\.|(?=(odometry|bodies)\.))")
 
 
 def checked_picture(image: object) -> Pixels:
@@ -106,6 +106,7 @@ class Read(NamedTuple):
 
     markers: list[Marker]
     fix: Fix | None
+    bodies: dict[str, Body]  # by name
     rejected: dict[str, int]  # how often each reason
     poses: tuple[MarkerPose, ...]  # the same as the markers, as the decoder has them
 
@@ -160,7 +161,8 @@ class Decoder:
         decoded = self._pipeline.decode(self._frame(picture, seq, time_ns))
         reasons = Counter(rejected.key for rejected in decoded.rejected)
         markers = [marker_of(marker) for marker in decoded.markers]
-        return Read(markers, fix_of(decoded.robot), dict(sorted(reasons.items())), decoded.markers)
+        bodies = {body.name: body_of(body) for body in decoded.bodies}
+        return Read(markers, fix_of(decoded.robot), bodies, dict(sorted(reasons.items())), decoded.markers)
 
     def why_not(self, picture: Pixels) -> list[Reason]:
         """Explains a picture that stands alone."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion
-from ledpi.core.records import Floats, MarkerPose, PlanarSolution, RobotFix
+from ledpi.core.records import BodyPose, Floats, MarkerPose, PlanarSolution, RobotFix
 
 # An upright panel that faces the camera: the marker's x, y, z (right, up, out of it) along the camera's x, −y, −z.
 _FACING = np.diag([1.0, -1.0, -1.0])
@@ -116,7 +116,23 @@ class Fix:
         return _plain(self) | {"heading": self.heading}
 
 
-def _plain(record: Marker | Fix) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Body:
+    """A body's pose, camera_from_body, by its panels in view; from OpenCV's camera to its own frame."""
+
+    position_m: Floats  # (3,) of its origin
+    quaternion_wxyz: Floats  # (4,) unit length
+    covariance: Floats | None  # (6, 6): x y z (m²), rotation about the camera's x y z (rad²)
+    panels_used: tuple[int, ...]
+    panels_rejected: tuple[int, ...]  # those that contradict the others
+    time_ns: int  # on the clock of the time that came with the picture
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers, lists and None only, as JSON has them."""
+        return _plain(self)
+
+
+def _plain(record: Marker | Fix | Body) -> dict[str, Any]:
     """The fields that are not records of their own."""
     values = {field.name: getattr(record, field.name) for field in fields(record) if field.name != "mirrored"}
     return {
@@ -131,6 +147,19 @@ def fix_of(decoded: RobotFix | None) -> Fix | None:
         return None
     pose = decoded.map_from_base_link
     return Fix(
+        position_m=pose.position_m,
+        quaternion_wxyz=pose.quaternion_wxyz,
+        covariance=pose.covariance,
+        panels_used=decoded.panels_used,
+        panels_rejected=decoded.panels_rejected,
+        time_ns=decoded.mid_exposure_ns,
+    )
+
+
+def body_of(decoded: BodyPose) -> Body:
+    """The decoder's record, as a program uses it."""
+    pose = decoded.camera_from_body
+    return Body(
         position_m=pose.position_m,
         quaternion_wxyz=pose.quaternion_wxyz,
         covariance=pose.covariance,

@@ -30,7 +30,7 @@ from ledpi.pipeline.api.exposed import (
     override,
 )
 from ledpi.pipeline.api.lens import Lens
-from ledpi.pipeline.api.marker import Fix, Marker
+from ledpi.pipeline.api.marker import Body, Fix, Marker
 from ledpi.pipeline.api.state import State, Whereabouts, whole_ns
 from ledpi.pipeline.diagnosis.drawing import DIMMED, Placed, draw_markers
 
@@ -79,6 +79,11 @@ class _Reading:
     def fix(self) -> Fix | None:
         """Tells where the robot is by the last picture; None where that does not say, or there is no map."""
         return None if self._read is None else self._read.fix
+
+    @property
+    def bodies(self) -> dict[str, Body]:
+        """Tells where the bodies are that the last picture shows, by name."""
+        return {} if self._read is None else dict(self._read.bodies)
 
     def draw(self, image: Image, markers: Sequence[Marker]) -> Pixels:
         """The picture in colour (blue, green, red), with cells, axes and ID of each of its markers.
@@ -161,7 +166,8 @@ class Reader(_Reading):
     deliver it, "linear" as `ledpi run` sets the Pi's. `overrides` by ID: panels that differ, as {7: {"side_m": 0.3}}.
     `map` is the path of a markers.yaml; with it and a lens `fix` says where the robot is, and `camera_mount` how the
     camera sits on it. A stream's `state` says it between pictures, too, by `odometry`: {"base_m": 0.3}, between the
-    wheels, where there is no gyro. All others are as the configuration's keys of these names.
+    wheels, where there is no gyro. `bodies`, as {"dock": {7: {"position_m": [0, 0, 0], "yaw_deg": 0}}}: what else
+    carries panels, and how; then `bodies` says where it is. All others are as the configuration's keys of these names.
 
     Raises ConfigError, which begins with the argument's name, where a value cannot be, CalibrationError where the
     lens's file cannot be used.
@@ -185,6 +191,7 @@ class Reader(_Reading):
         overrides: Mapping[int, Mapping[str, Any]] | None = None,
         upright: bool = False,
         map: str | PathLike[str] | None = None,
+        bodies: Mapping[str, Mapping[int, Mapping[str, Any]]] | None = None,
         camera_mount: Mapping[str, Sequence[float]] | None = None,
         odometry: Mapping[str, Any] | None = None,
         transfer: Transfer = "srgb",
@@ -201,6 +208,7 @@ class Reader(_Reading):
             override("panels.overrides", _mapping("overrides", overrides, '{7: {"side_m": 0.3}}')),
             override("panels.upright", upright),
             override("map", None if map is None else fspath(_path("map", map))),
+            override("bodies", _mapping("bodies", bodies, '{"dock": {7: {"position_m": [0, 0, 0], "yaw_deg": 0}}}')),
             override("robot.camera_mount", _mapping("camera_mount", camera_mount, '{"rpy_deg": [0, -90, 0]}')),
             override("odometry", _mapping("odometry", odometry, '{"base_m": 0.3}')),
             override("camera.transfer", transfer),

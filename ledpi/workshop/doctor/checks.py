@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from ledpi.config.panels import PanelSettings
 from ledpi.config.robot import load_own_map, unreadable_note
 from ledpi.config.settings import SEARCH_PATH, Config, SerialSettings
 from ledpi.core.codewords import format_ranges
@@ -50,7 +49,7 @@ def examine(config: Config, *, is_given: bool = True) -> Iterator[Finding]:
         daemon = tap.hello.get("pid")
         with tap:
             yield from _to_its_end("daemon", running.examine(tap, config if is_given else None))
-    yield _panel_ids(config.panels)
+    yield _panel_ids(config)
     yield _map(config)
     yield from _to_its_end("serial port", _serial(config.serial, daemon))
     if config.serial.protocol == "mavlink":
@@ -81,10 +80,13 @@ def _camera(config: Config) -> Iterator[Finding]:
     yield camera.intrinsics(config, info)
 
 
-def _panel_ids(panels: PanelSettings) -> Finding:
-    """Which are reported; those that have an override should be."""
-    if note := panels.unreported_note(panels.overrides):
-        return bad("panel IDs", f"panels.overrides: {note}", "list all your panels in panels.ids")
+def _panel_ids(config: Config) -> Finding:
+    """Which are reported; those that have an override, or are on a body, should be."""
+    panels = config.panels
+    named = {"panels.overrides": panels.overrides} | {f"bodies.{name}": on for name, on in config.bodies.items()}
+    for key, ids in named.items():
+        if note := panels.unreported_note(ids):
+            return bad("panel IDs", f"{key}: {note}", "list all your panels in panels.ids")
     if panels.ids is not None:
         listed = f"panels.ids: {format_ranges(sorted(panels.ids))}"
         return ok("panel IDs", "; ".join(filter(None, (listed, panels.reflection_note()))))

@@ -132,4 +132,5 @@ def test_brightness_is_that_of_the_panel_not_of_the_lamp_beside_it() -> None:
     small = np.array([[41.0, 41.0], [48.0, 41.0], [48.0, 48.0], [41.0, 48.0]])
     assert brightest_level(frame, [near]) == pytest.approx(0.2)
     assert brightest_level(frame, [near, small]) == pytest.approx(0.4)
+    assert brightest_level(frame, [np.add(small, (15, -30))]) == 1.0  # the lamp
     assert brightest_level(frame, []) is None

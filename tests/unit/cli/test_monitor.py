@@ -12,12 +12,15 @@ import time
 import tty
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
 from ledpi.wire import NoFix, State, StatusMessage
 from ledpi.wire.codec import encode
 from tests.builders import ROOT
+from tests.builders.command import in_process
+from tests.builders.made_up_daemon import HEALTH, LARGE, MadeUpDaemon
 from tests.builders.waiting import limit_s
 from tests.builders.wire import vectors
 
@@ -204,3 +207,19 @@ def test_mavlink_is_named_and_status_2() -> None:
     assert process.returncode == 2
     assert "carries MAVLink" in line
     assert "serial.protocol: ledpi" in line
+
+
+def test_of_a_daemon_it_asks_why_a_panel_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Twice a second, and the table ends with it."""
+    monkeypatch.setitem(HEALTH, "decoded_per_s", 30.0)
+    monkeypatch.setitem(HEALTH, "frames", 9)
+    daemon = MadeUpDaemon(tmp_path / "tap.sock", hello=LARGE)
+    beside = [[400.0, 100.0], [500.0, 100.0], [500.0, 200.0], [400.0, 200.0]]
+    daemon.extra = {"rejected": [{"corners_px": beside, "why": "identify.not_in_dictionary"}]}
+    status, said, _ = in_process(monkeypatch, capsys, "monitor")("--tap", tmp_path / "tap.sock", "--seconds", "1")
+    daemon.close()
+    assert status == 0
+    assert "panel at 450, 150 is not read" in said
+    assert 1 <= len(daemon.asked("picture")) <= 3

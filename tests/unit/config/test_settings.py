@@ -65,10 +65,10 @@ def test_a_dash_on_the_command_line_is_text() -> None:
 
 MISTAKES = [
     ("camera.sorce=x", "camera.sorce: unknown key; did you mean source? allowed here: analogue_gain,"),
-    ("camra.source=x", "camra: unknown key; did you mean camera? allowed here: camera, decode, map, odometry"),
+    ("camra.source=x", "camra: unknown key; did you mean camera? allowed here: bodies, camera, decode, map"),
     ("odometry.base_m=0", "odometry.base_m: must be greater than or equal to 0.01, not 0"),
     ("odometry.source=serial", "odometry.source: serial needs serial.port; without a controller: tap or none"),
-    ("7=3", "7: unknown key; allowed here: camera"),
+    ("7=3", "7: unknown key; allowed here: bodies, camera"),
     ("camera=3", "camera: must be a section with the keys analogue_gain, exposure_us, frame_duration_us"),
     ("camera.source=webcam", "source: must be picamera2, picamera2:N, simulated, recording:PATH or v4l2:/dev/video"),
     ("camera.frame_duration_us=abc", "camera.frame_duration_us: must be a number or auto, not 'abc'"),

@@ -38,9 +38,3 @@ def test_where_edges_are_sought_full_scale_is_one(transfer: Transfer) -> None:
     table = linear_light(transfer, mark_saturated=False)
     assert table[255] == 1.0
     np.testing.assert_array_equal(table[:255], linear_light(transfer)[:255])
-
-
-def test_the_tables_cannot_be_changed() -> None:
-    """They are kept and shared."""
-    with pytest.raises(ValueError, match="read-only"):
-        linear_light("srgb")[0] = 1.0

@@ -124,12 +124,6 @@ def test_an_unknown_id_names_the_range(marker_id: int) -> None:
         load_dictionary("DICT_4X4_50").codeword(marker_id)
 
 
-def test_words_cannot_be_changed() -> None:
-    """The words are shared, so they are read-only."""
-    with pytest.raises(ValueError, match="read-only"):
-        load_dictionary("DICT_4X4_50").codeword(7)[0, 0] = False
-
-
 def test_distances_in_antiphase_by_hand() -> None:
     """Takes 2 × 2 cells: 1110 is one cell from the negative of 0000, and two from each of its own other turns."""
     small = Dictionary(name="small", codewords=np.array([[[1, 1], [1, 0]], [[0, 0], [0, 0]]], bool))

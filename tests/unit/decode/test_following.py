@@ -123,6 +123,7 @@ def test_frames_make_it_exacter_than_one_fit() -> None:
     assert rms(list(np.diff(followed, axis=0))) < 0.5 * rms(list(np.diff(fits, axis=0)))
 
 
+@pytest.mark.slow
 def test_the_stated_deviation_is_no_smaller_than_the_true_one() -> None:
     """Over places, rolls and noise, in the fourth frame: neither a third too small, nor five times too large."""
     rng, squares, stated = np.random.default_rng(4), [], []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -22,20 +22,14 @@ from ledpi.decode.uemura import (
     UemuraReader,
     add_frame,
     band_widths_rows,
-    binarise,
     cell_shares,
-    classify,
     find_squares,
-    restore,
 )
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import (
-    HEIGHT,
     PINHOLE,
     SHORT_US,
     SPEC,
-    WIDTH,
-    WORDS,
     Bits,
     Canvas,
     camera_info,
@@ -183,32 +177,6 @@ def test_expected_widths_are_the_papers() -> None:
     assert band_widths_rows(frame, SPEC) == pytest.approx((11.880, 6.061), abs=0.001)
 
 
-def columns(*runs: Iterable[int]) -> np.ndarray:
-    """A binary picture, each column of dark and bright runs in turn, from the top."""
-    values = [np.concatenate([np.full(n, 255 * (i % 2)) for i, n in enumerate(column)]) for column in runs]
-    return np.stack(values, axis=1).astype(np.uint8)
-
-
-def test_c_bright_bands_are_lit_whatever_the_light_around() -> None:
-    """Bands of 12 rows, of two grey levels, on a slope that rises by 100 levels over the picture."""
-    rows = np.arange(240)
-    bright = (rows // 12) % 2 == 1
-    picture = np.repeat((50 + rows * (100 / 240) + 16 * bright).round().astype(np.uint8)[:, None], 9, axis=1)
-    lit = binarise(picture, (12.0, 6.0))
-    inside = slice(24, -24)
-    assert set(np.unique(lit)) == {0, 255}
-    agreement = ((lit == 255)[inside] == bright[inside, None]).mean()
-    assert agreement > 0.95
-
-
-def test_d_each_band_is_of_the_class_whose_width_is_nearer() -> None:
-    """Widths 12 and 6: 3 to 8 rows are white, 10 to 18 black, and less or more no band; dark bands count as bright."""
-    heights = [2, 3, 6, 8, 10, 12, 18, 19]
-    expected = [NO_BAND, WHITE_BAND, WHITE_BAND, WHITE_BAND, BLACK_BAND, BLACK_BAND, BLACK_BAND, NO_BAND]
-    classes = classify(columns(heights, [0, *heights[:-1], heights[-1]]), (12.0, 6.0))
-    np.testing.assert_array_equal(classes, np.repeat(expected, heights)[:, None].repeat(2, axis=1))
-
-
 @pytest.mark.parametrize("turn_deg", [0, 15, 40])
 def test_e_a_white_square_has_its_four_corners(turn_deg: float) -> None:
     """To a pixel and a half: an outline is made of whole pixels. From the one nearest the top left, clockwise."""
@@ -217,27 +185,6 @@ def test_e_a_white_square_has_its_four_corners(turn_deg: float) -> None:
     canvas.lamp(corners)
     ((_, found),) = find_squares(canvas.frame().pixels, (11.9, 6.1), 12.0)
     np.testing.assert_allclose(found, np.roll(corners, -int(np.argmin(corners.sum(axis=1))), axis=0), atol=1.5)
-
-
-def test_e_dark_bands_and_walls_are_closed() -> None:
-    """One square, not a heap of bars: of the panel half is dark, of the square less than a tenth is not white."""
-    frame = photograph(word(7), square(320, 240, 160))
-    (outline, _), *_ = find_squares(frame.pixels, (11.9, 6.1), 12.0)
-    filled = np.zeros((HEIGHT, WIDTH), np.uint8)
-    cv2.drawContours(filled, [outline], -1, 255, cv2.FILLED)
-    inside = slice(172, 308), slice(252, 388)  # a band's height within the rim
-    assert (frame.pixels[inside] > 127).mean() < 0.7
-    assert (filled[inside] == 255).mean() > 0.9
-
-
-def test_e_of_one_square_at_many_levels_one_is_kept() -> None:
-    """A bright lamp is white at most levels; two lamps are two squares, the larger first."""
-    canvas = Canvas()
-    canvas.lamp(square(150, 200, 60), 0.9)
-    canvas.lamp(square(400, 200, 100), 0.7)
-    found = find_squares(canvas.frame().pixels, (11.9, 6.1), 12.0)
-    centres = np.array([corners.mean(axis=0) for _, corners in found])
-    np.testing.assert_allclose(centres, [[400, 200], [150, 200]], atol=1)
 
 
 def test_f_the_frame_is_one_cell_wide() -> None:
@@ -264,17 +211,6 @@ def test_g_a_cell_is_what_most_of_its_middle_shows() -> None:
     black, white = cell_shares(classes, corners, 2)
     np.testing.assert_allclose(black, np.array([[1, 1 / 6], [0, 1]]), atol=0.02)
     np.testing.assert_allclose(white, np.array([[0, 5 / 6], [1 / 2, 0]]), atol=0.02)
-
-
-@pytest.mark.parametrize("marker_id", WORDS)
-def test_g_the_restored_picture_is_opencvs_own(marker_id: int) -> None:
-    """Black frame, white where the word is 1, and white ground all around, unlike the paper's, which is inverted."""
-    restored = restore(drawn(WORDS[marker_id]))
-    known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    np.testing.assert_array_equal(restored[10:-10, 10:-10], cv2.aruco.generateImageMarker(known, marker_id, 60))
-    ground = restored.copy()
-    ground[10:-10, 10:-10] = 255
-    assert (ground == 255).all()
 
 
 # ---- In the pipeline

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,10 +11,7 @@ import pytest
 
 from evaluation.endurance import sanitized
 from evaluation.endurance.hostile import check_numbers
-from evaluation.endurance.hostile_frames import draw_camera, draw_panels, frames
 from evaluation.endurance.hostile_pictures import KINDS, Drawing, Rng
-from evaluation.endurance.hostile_recordings import damage, decode, write_sound
-from ledpi.core.errors import LedpiError
 from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import (
     FRAME_ROWS,
@@ -55,20 +51,6 @@ def test_each_kind_of_picture_shows_something(kind: Callable[[Drawing, Rng], Non
     assert lit >= 6
 
 
-def scene(seed: int) -> list[tuple[int, bytes]]:
-    """When its frames were read out, and their pixels."""
-    rng = np.random.default_rng(seed)
-    camera, panels = draw_camera(rng, easy=False), draw_panels(rng)
-    drawn = frames(camera, panels, rng, seed, easy=False)
-    return [(frame.row0_readout_ns, frame.pixels.tobytes()) for frame in drawn]
-
-
-def test_a_scene_is_the_same_again() -> None:
-    """So that what was found can be found again."""
-    assert scene(5) == scene(5)
-    assert scene(5) != scene(6)
-
-
 def test_a_place_that_is_no_number_is_reported() -> None:
     """Looks at what a decoder says, too."""
     pose = marker_pose(7, 0)
@@ -77,22 +59,6 @@ def test_a_place_that_is_no_number_is_reported() -> None:
     pose.solution.camera_from_marker.position_m[1] = np.nan
     with pytest.raises(ValueError, match="nan"):
         check_numbers(decoded(pose))
-
-
-@pytest.mark.slow
-def test_damaged_recordings_are_refused_or_decoded(tmp_path: Path) -> None:
-    """Some of either: neither is all damage too much for them, nor none of it enough."""
-    sound, markers, refused = tmp_path / "sound", 0, 0
-    write_sound(sound)
-    for number in range(20):
-        take = Path(shutil.copytree(sound, tmp_path / str(number)))
-        damage(take, random.Random(number))
-        try:
-            markers += sum(len(each.markers) for each in decode(take))
-        except LedpiError:
-            refused += 1
-    assert 3 <= refused <= 17
-    assert markers > 0
 
 
 @pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 600.0, SHORT_US])

@@ -50,19 +50,6 @@ def table(folder: str) -> list[dict[str, str]]:
 
 
 @pytest.mark.slow
-def test_the_number_of_workers_changes_nothing() -> None:
-    """Two units on one process and on two; the table is the same, number by number."""
-    options = [*SMALL[:-1], "2"]
-    run("--out", "one", *options, "--workers", "1")
-    run("--out", "two", *options, "--workers", "2")
-    assert table("one") == table("two")
-    methods = [line["method"] for line in table("one")]
-    assert methods[:6] == ["uemura", "likelihood", "stream_4", "stream_12", "stream_all", "aruco"]
-    assert [line["frames"] for line in table("one")][:6] == ["2", "2", "2", "2", "24", "2"]
-    assert {line["recognised"] for line in table("one") if line["method"] in ("likelihood", "stream_4")} == {"2"}
-
-
-@pytest.mark.slow
 def test_a_run_goes_on_where_it_was_broken_off() -> None:
     """One unit finished, the next cut off in the middle of its line: only the finished one is not done again."""
     options = (*SMALL, "--method", "likelihood", "--workers", "1")

@@ -374,13 +374,6 @@ def test_a_panel_that_blinks_as_announced_is_not_tuned() -> None:
     assert path.likelihood.off_frequency == {}
 
 
-def test_a_panel_that_is_gone_is_not_reported() -> None:
-    """From the first frame on that does not show it."""
-    path = pipeline(stream=True)
-    frames = [frame_of((NEAR, word(7)), seq=n) for n in range(4)] + [frame_of(seq=n) for n in range(4, 7)]
-    assert ids_of(path, frames) == [[7]] * 4 + [[]] * 3
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("corners", [NEAR, FAR])
 def test_a_panel_that_stops_blinking_is_not_reported(corners: Floats) -> None:
@@ -390,18 +383,6 @@ def test_a_panel_that_stops_blinking_is_not_reported(corners: Floats) -> None:
     found = ids_of(path, frames)
     assert found[9] == [7]
     assert found[10:] == [[]] * 4
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("corners", [NEAR, FAR])
-def test_another_panel_in_a_panels_place_is_not_reported_as_that(corners: Floats) -> None:
-    """After a robot's quick turn, say: the new one may take its time, but it is never taken for the old one."""
-    path = pipeline(stream=True)
-    frames = [frame_of((corners, word(7 if n < 10 else 23)), seq=n) for n in range(26)]
-    found = ids_of(path, frames)
-    assert found[9] == [7]
-    assert 7 not in {i for frame_ids in found[10:] for i in frame_ids}
-    assert found[25] == [23]
 
 
 def test_a_tracked_panel_is_sought_in_its_neighbourhood() -> None:
@@ -517,7 +498,7 @@ def scene_path(scene: Scene, *, stream: bool) -> Pipeline:
 def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
     """The robot swings past 7 and 23 on its way towards them: nine of ten detections, and each where it is."""
     scene = drive_scene(sensor(), {7: SPEC, 23: SPEC}, "DICT_4X4_50")
-    camera = SimulatedCamera(scene, seed=4, paced=False, frames=100)
+    camera = SimulatedCamera(scene, seed=4, paced=False, frames=60)
     path = scene_path(scene, stream=True)
     expected = seen = 0
     for frame in scene_frames(camera):
@@ -527,7 +508,7 @@ def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
             true = truth[marker.detection.id]
             np.testing.assert_allclose(marker.detection.corners_px, true.corners_px, atol=2.0)
             seen += 1
-    assert expected > 150
+    assert expected > 90
     assert seen > 0.9 * expected
 
 
@@ -569,16 +550,6 @@ def test_printed_things_are_never_reported(place: str) -> None:
         path = pipeline(stream=stream)
         for n in range(6):
             assert path.decode(canvas.frame(n, seq=n)).markers == ()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("black_hz", "white_hz"), [(1237.5, 2474.5), (1256.0, 2462.0)])
-def test_where_frames_do_not_add_up_a_stream_is_no_worse_than_frames_alone(black_hz: float, white_hz: float) -> None:
-    """Oscillators off by 1 % and 0.5 %: until that is found out, each frame still speaks for itself."""
-    spec = dataclasses.replace(SPEC, black_hz=black_hz, white_hz=white_hz)
-    frames = [off_frame(NEAR, n, spec, light=0.4) for n in range(6)]
-    assert ids_of(pipeline(stream=False), frames) == [[7]] * 6
-    assert ids_of(pipeline(stream=True), frames) == [[7]] * 6
 
 
 def test_what_touches_a_panel_that_was_read_does_not_hide_it() -> None:

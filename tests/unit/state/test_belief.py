@@ -95,3 +95,13 @@ def test_odometry_that_contradicts_the_panels_is_named_and_not_used(scale: float
             assert (state.by_odometry, state.contested, state.moved) == (False, False, ())
             assert np.hypot(*(state.pose[:2] - on_circle(4.0)[:2])) < 0.03
     assert state_at(estimator, 9.0).by_odometry
+
+
+def test_one_lucky_look_of_many_makes_no_witness() -> None:
+    """Ten that say neither, and one that would agree by itself: none is used. Once most agree, they are."""
+    estimator = Estimator(room(place_m=0.05, angle_rad=0.03), SEAT)
+    still(estimator, {1: 0.0}, HERE, 0.0, 1.0)
+    for n, aside_m in enumerate([*[0.24] * 10, 0.18, *[0.0] * 7]):
+        t_s = 1.0 + 0.05 * n
+        heard(estimator, odometry(t_s), look(2, HERE, t_s, aside_m, mirror_rad=1.0))
+        assert (state_at(estimator, t_s).panel_ns >= SECOND_NS) is (n >= 16)

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ledpi.core.errors import WireError
 from ledpi.core.records import MarkerPose
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
-from ledpi.wire.codec import FrameError, decode, encode, number_after
+from ledpi.wire.codec import decode, encode, number_after
 from ledpi.wire.message import marker_message
 from tests.builders.wire import marker_pose, pose_at
 
@@ -52,23 +52,6 @@ markers = st.booleans().flatmap(
     )
 )
 fixes = st.builds(FixMessage, age_us=ages, pose=poses, panels_used=st.integers(0, 255), map_resets=st.integers(0, 255))
-totals = st.none() | st.integers(0, 0xFFFFFFFE)
-times_us = st.none() | st.integers(0, 0xFFFE)
-statuses = st.builds(
-    StatusMessage,
-    state=st.sampled_from(State),
-    no_fix=st.sampled_from(NoFix),
-    panels_in_view=st.none() | st.integers(0, 254),
-    temperature_c=st.none() | st.integers(-127, 127),
-    throttling=st.none() | st.integers(0, 0x0F0F).map(lambda bits: bits & 0x0F0F),
-    uptime_s=totals,
-    frames=totals,
-    frames_dropped=totals,
-    markers=totals,
-    packets_dropped=totals,
-    decode_p50_us=times_us,
-    decode_p99_us=times_us,
-)
 
 
 def sent(message: Message) -> Message:
@@ -97,38 +80,6 @@ def test_a_pose_survives_within_its_resolution(message: MarkerMessage | FixMessa
     assert_pose_kept(after.pose, message.pose)
     assert message.pose is not None
     assert replace(after, pose=message.pose) == message
-
-
-@given(statuses)
-def test_a_status_survives_exactly(message: StatusMessage) -> None:
-    """Known and unknown values alike."""
-    assert sent(message) == message
-
-
-@given(markers | fixes | statuses, st.integers(0, 65535))
-def test_every_frame_is_40_bytes_with_one_zero_at_its_end(message: Message, sequence: int) -> None:
-    """The budget of the line, and what COBS is for."""
-    frame = encode(message, sequence)
-    assert len(frame) == 40
-    assert frame.find(b"\0") == 39
-
-
-@settings(max_examples=300)
-@given(st.binary(max_size=60))
-def test_random_bytes_are_no_message(data: bytes) -> None:
-    """Whatever does not hold a right CRC raises FrameError, and nothing else is raised."""
-    with pytest.raises(FrameError):
-        decode(data)
-
-
-@given(markers | fixes | statuses, st.data())
-def test_a_frame_with_any_one_byte_changed_is_no_message(message: Message, data: st.DataObject) -> None:
-    """CRC-32 finds every error of up to 32 bits in a row."""
-    frame = bytearray(encode(message, 7)[:-1])
-    place = data.draw(st.integers(0, len(frame) - 1))
-    frame[place] ^= data.draw(st.integers(1, 255))
-    with pytest.raises(FrameError):
-        decode(bytes(frame))
 
 
 A_POSE = WirePose(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import os
@@ -29,15 +30,33 @@ from ledpi.core.geometry import (
     transform,
 )
 from ledpi.core.records import Floats, Pose, RobotFix
+from ledpi.state.estimator import State as RobotState
 from ledpi.wire.mavlink import FRD_FROM_FLU, HEARTBEAT_PERIOD_NS, NED_FROM_ENU, Mavlink, Profile, Resets
+from ledpi.wire.mavlink_heard import AutopilotReceiver
 from ledpi.wire.message import MarkerMessage, NoFix, State, StatusMessage, fix_message, marker_message
 from ledpi.wire.outbox import Outbox
 from ledpi.wire.publisher import Publisher
+from ledpi.wire.state_message import OdometryMessage, TimeAnswer, TimeAsk, state_message
 from ledpi.workshop.doctor.checks import examine
 from tests.builders.daemon import SIMULATED, daemon, end
 from tests.builders.waiting import wait_until
 from tests.builders.wire import decoded, marker_pose, robot_fix
 
+STATE = RobotState(
+    t_ns=8_000_000,
+    pose=np.zeros(3),
+    covariance=np.eye(3),
+    speed_m_s=0.5,
+    turn_rad_s=0.2,
+    panel_ns=0,
+    way_m=0.0,
+    by_odometry=True,
+    panels=1,
+    contested=False,
+    moved=(),
+    relocalisations=0,
+    events=(),
+)
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # a panel that hangs upright and faces the camera
 
 
@@ -346,6 +365,67 @@ def test_the_autopilot_learns_our_clock() -> None:
     first, second = autopilot.of("TIMESYNC")
     assert (first.ts1, second.ts1) == (asked_ns, asked_ns + 1)
     assert asked_ns < first.tc1 < came_ns + 1e6  # the time at which it is to leave, as expected of packets before
+
+
+def test_the_state_goes_out_as_odometry_in_place_of_fixes() -> None:
+    """1 m east, 2 m north, facing west, 0.5 m/s ahead, turning left; its covariance with all three correlations.
+
+    ArduPilot takes LOCAL_FRD alone. Without a state nothing is said.
+    """
+    covariance = np.array([[0.04, 0.006, 0.002], [0.006, 0.01, -0.001], [0.002, -0.001, 0.0025]])
+    state = dataclasses.replace(STATE, pose=np.array([1.0, 2.0, math.pi]), covariance=covariance, relocalisations=3)
+    frames = {}
+    for profile in ("ardupilot", "px4"):
+        mavlink = Mavlink(base_link_from_camera=np.eye(4), profile=profile, tells_state=True)
+        assert mavlink.encode(fix_message(fix_at((1, 2, 3)), age_us=2000), 10_000_000) is None
+        assert mavlink.encode(state_message(None, clock_us=None), 10_000_000) is None
+        told = parse(mavlink.encode(state_message(state, clock_us=None, map_resets=2), 10_000_000))
+        frames[profile] = told.frame_id
+    assert frames == {"ardupilot": common.MAV_FRAME_LOCAL_FRD, "px4": common.MAV_FRAME_LOCAL_NED}
+    assert (told.get_type(), told.child_frame_id) == ("ODOMETRY", common.MAV_FRAME_BODY_FRD)
+    assert (told.time_usec, told.reset_counter) == (8000, 5)
+    assert (told.x, told.y, told.z) == pytest.approx((2, 1, 0), abs=1e-6)
+    assert np.abs(told.q) == pytest.approx([math.sqrt(0.5), 0, 0, math.sqrt(0.5)], abs=1e-6)
+    assert told.q[0] * told.q[3] < 0  # −90°: west
+    assert (told.vx, told.vy, told.yawspeed) == pytest.approx((0.5, 0, -0.2))
+    upper = np.zeros((6, 6))
+    upper[np.triu_indices(6)] = told.pose_covariance
+    north_east_right = upper[np.ix_([0, 1, 5], [0, 1, 5])]
+    expected = np.array([[0.01, 0.006, 0.001], [0, 0.04, -0.002], [0, 0, 0.0025]])
+    np.testing.assert_allclose(north_east_right, expected, atol=1e-4)
+    assert upper[2, 2] == pytest.approx(1.0)
+    assert math.isnan(told.velocity_covariance[0])
+
+
+def test_an_autopilot_s_wheels_and_rate_of_turn_are_odometry() -> None:
+    """A turn to the right at 0.5 rad/s for a second: −0.5 rad, told with each wheel's way. Without wheels by itself.
+
+    Its pose, another part's packets, and another vehicle's are not read. It answers with its clock.
+    """
+    autopilot, gimbal, other = (
+        common.MAVLink(None, srcSystem=s, srcComponent=c) for s, c in ((1, 1), (1, 154), (2, 1))
+    )
+    heard = AutopilotReceiver(common, system=1)
+    said: list[bytes] = []
+    for ms in range(5000, 6001, 50):
+        attitude = common.MAVLink_attitude_message(ms, 0, 0, 2.0, 0, 0, 0.5)
+        wrong = common.MAVLink_attitude_message(ms, 0, 0, 0, 0, 0, 9.0)
+        wheels = common.MAVLink_wheel_distance_message(1000 * ms + 10_000, 2, [0.001 * ms, 0.002 * ms, *[0.0] * 14])
+        pose = common.MAVLink_local_position_ned_message(ms, 9, 9, 9, 9, 9, 9)
+        said += [attitude.pack(autopilot), wrong.pack(gimbal), wrong.pack(other), pose.pack(autopilot)]
+        said += [wheels.pack(autopilot)] if ms >= 5500 else []
+    line = b"\xfd\x00" + b"".join(said)
+    told = [message for at in range(0, len(line), 7) for message in heard.feed(line[at : at + 7])]
+    assert all(isinstance(message, OdometryMessage) for message in told)
+    first, *_, last = (message for message in told if isinstance(message, OdometryMessage))
+    assert (first.clock_us, first.left_100um, first.yaw_100urad, first.restarted) == (5_000_000, None, 0, True)
+    assert (last.clock_us, last.left_100um, last.right_100um) == (6_010_000, 60_000, 120_000)
+    assert (last.yaw_100urad, last.restarted) == (-5050, False)
+    assert len(told) == 11 + 11
+    asked = parse(codec().encode(TimeAsk(number=4711), 123_456_789_012))
+    assert asked.tc1 == 0
+    answered = common.MAVLink_timesync_message(7_000_000_000, asked.ts1).pack(autopilot)
+    assert heard.feed(answered) == [TimeAnswer(number=4711, arrived_us=7_000_000, left_us=7_000_000)]
 
 
 def test_without_pymavlink_the_codec_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

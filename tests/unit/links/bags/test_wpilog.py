@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 import struct
 from pathlib import Path
 from typing import Any
@@ -133,25 +132,3 @@ def test_the_time_of_day_is_noted(log: dict[str, list[Any]], wanted: list[dict[s
     assert kind == "int64"
     assert unix_us - at_us == OFFSET_NS // 1000
     assert at_us == wanted[0]["sensor_timestamp_ns"] // 1000
-
-
-@pytest.mark.slow
-def test_a_file_that_is_there_is_left_alone(take: Path, tmp_path: Path) -> None:
-    """Status 2, in one line."""
-    out = tmp_path / "a.wpilog"
-    out.write_text("mine")
-    done = ledpi("export", take, out, "--wpilog")
-    assert (done.returncode, done.stderr) == (2, f"ledpi: {out}: is there already; give a new name\n")
-    assert out.read_text() == "mine"
-
-
-@pytest.mark.slow
-def test_a_full_disk_is_one_line(take: Path, tmp_path: Path) -> None:
-    """A file that may not grow further stands in for it."""
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-
-    done = ledpi("export", take, tmp_path / "a.wpilog", "--wpilog", preexec_fn=limit)
-    assert done.returncode == 2
-    assert done.stderr.splitlines()[-1] == f"ledpi: {tmp_path}/a.wpilog: cannot be written: File too large"

@@ -308,6 +308,20 @@ def test_two_threads_at_once_are_refused(near: Pixels, of: str, monkeypatch: pyt
 # ---- More than markers
 
 
+def test_a_body_is_where_its_panel_is(near: Pixels) -> None:
+    """Its origin at the panel's centre: as the marker. Without bodies there are none."""
+    placed, plain = reader(bodies={"dock": {7: {"position_m": [0, 0, 0], "yaw_deg": 0}}}), reader()
+    (marker,) = placed.read(near, row_time_us=33.67)
+    dock = placed.bodies["dock"]
+    assert marker.position_m is not None
+    np.testing.assert_allclose(dock.position_m, marker.position_m, atol=2e-3)
+    assert dock.to_dict()["panels_used"] == [7]
+    assert plain.read(near, row_time_us=33.67)
+    assert plain.bodies == {}
+    with pytest.raises(ledpi.LedpiError, match=r"^bodies\.dock\.7\.side_m: unknown key"):
+        reader(bodies={"dock": {7: {"position_m": [0, 0, 0], "yaw_deg": 0, "side_m": 0.2}}})
+
+
 def test_a_map_tells_where_the_robot_is(near: Pixels, tmp_path: Path) -> None:
     """Before the panel, at its distance, the camera's mount counted in; without a map there is no fix."""
     (tmp_path / "markers.yaml").write_text("panels: {7: {position_m: [0, 0, 1], yaw_deg: 180}}\n")

@@ -151,6 +151,7 @@ def test_k3_is_fitted_only_where_it_shows() -> None:
     assert k3 == pytest.approx(0.4, abs=0.2)  # k1, k2 and k3 share most of what they explain
 
 
+@pytest.mark.slow
 def test_views_that_determine_nothing_are_refused() -> None:
     """Frontal ones fit any focal length, one tilted pose many times tells no more; seven are one too few."""
     frontal: list[Pose] = [((0, 0, 10 * i), (0.1 * (i % 3 - 1), 0.05 * (i % 2)), 12 + i % 4) for i in range(12)]

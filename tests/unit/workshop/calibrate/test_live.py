@@ -92,10 +92,11 @@ def test_the_exposure_is_set_by_the_board() -> None:
 
 
 @pytest.mark.slow
-def test_another_board_than_the_one_asked_for_is_reported() -> None:
+def test_another_board_than_the_one_asked_for_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever shows a chessboard where a ChArUco board is expected hears which options are its own."""
+    monkeypatch.setattr("ledpi.workshop.calibrate.taking.BLIND_FRAMES", 2)
     chessboard = rendered(POSES[0], np.random.default_rng(0))
-    open_at, _ = opener(iter([chessboard] * 20), 40_000.0)
+    open_at, _ = opener(iter([chessboard] * 3), 40_000.0)
     said: list[str] = []
     collect_views(open_at, CHARUCO, said.append, metered=False)
     assert "--board chessboard --cols 6 --rows 5 is seen" in said[-1]

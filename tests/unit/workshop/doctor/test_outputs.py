@@ -66,6 +66,8 @@ def test_a_target_that_answers_is_well() -> None:
     with server() as port:
         one = target("kind: tcp", "host: 127.0.0.1", f"port: {port}")
     assert (one.name, one.state, one.said) == ("output field", "ok", f"127.0.0.1:{port}: answers")
+    package, *_ = found("kind: mqtt", "host: 127.0.0.1", "port: 1")
+    assert (package.state, package.said) == ("ok", "the packages of mqtt are installed")
 
 
 @pytest.mark.parametrize(

@@ -70,16 +70,6 @@ def test_the_page_shows_the_cells_from_both_sides() -> None:
     assert back == [row[::-1] for row in front]
 
 
-def test_the_words_of_the_dictionary_are_in_the_sixteen_cell_build() -> None:
-    """Word 7 as a number, bit k for cell k: 1100 0100 1111 0010 backwards is 0x4F23."""
-    run("--id", "7", "--build", "sixteen-cells", "--out", "out")
-    settings = Path("out/settings.h").read_text()
-    words = re.findall(r"0x[0-9A-F]{4}(?=,)", settings)
-    assert len(words) == 50
-    assert words[7] == "0x4F23"
-    assert (defined(settings, "DEFAULT_ID"), defined(settings, "ID_COUNT")) == ("7", "50")
-
-
 def test_frequencies_come_from_the_configuration() -> None:
     """Also those of one ID's own panel; the command line overrides both. A measured duty is a half but for noise."""
     overrides = "overrides: {3: {black_hz: 1262}, 7: {duty: 0.502}, 8: {duty: 0.4}}"
@@ -94,18 +84,6 @@ def test_frequencies_come_from_the_configuration() -> None:
     run("--id", "7", "--out", "measured")
     with pytest.raises(LedpiError, match=r"^panels\.overrides\.8\.duty: .* must be 0\.5, not 0\.4"):
         run("--id", "8", "--out", "other")
-
-
-def test_antiphase_is_one_frequency_half_a_period_late() -> None:
-    """By an option and one frequency, or by the configuration: the same sources."""
-    told = run("--id", "7", "--phase", "antiphase", "--black", "1253.33", "--out", "asked")
-    assert told.count("6383 cycles  1253.3292 Hz  -0.7 ppm") == 2
-    Path("config.yaml").write_text("panels: {side_m: 0.3, phase: antiphase, black_hz: 1253.33, white_hz: 1253.33}")
-    run("--id", "7", "--out", "configured")
-    asked, configured = (Path(name, "settings.h").read_text() for name in ("asked", "configured"))
-    assert asked == configured
-    assert defined(asked, "WHITE_DELAY_CYCLES") == "WHITE_HALF_PERIOD_CYCLES"
-    assert "one is on while the other is off" in Path("asked/README.md").read_text()
 
 
 def test_an_id_that_cannot_be_told_in_antiphase_is_refused() -> None:

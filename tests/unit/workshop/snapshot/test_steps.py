@@ -37,7 +37,6 @@ from tests.builders.decode import (
 )
 
 PLACE = square(310.3, 240.6, 150, 4)
-GREEN = (80, 210, 80)
 TALL = round(tile_width(4) * 480 / 640)
 
 
@@ -103,57 +102,12 @@ def test_a_is_even_and_b_is_striped(bands: Snapshot, drawn_bands: Pixels) -> Non
     assert tile(drawn_bands, "b")[inside].min() < 20
 
 
-def test_c_and_d_are_the_records_of_those_steps(bands: Snapshot, drawn_bands: Pixels) -> None:
-    """(c) is lit where (b) is brighter; (d) has the colours of the two classes, most of each in its own cells."""
-    at = view(bands)
-    low, high = at.place(np.array([[260.0, 190], [360.0, 290]])).astype(int)
-    inside = slice(low[1], high[1]), slice(low[0], high[0])
-    lit, seen = tile(drawn_bands, "c")[inside] > 127, tile(drawn_bands, "b")[inside]
-    assert seen[lit].mean() > seen[~lit].mean() + 80
-    centres = cells(at.place)
-    reach = round(0.3 * at.scale * 150 / 4)
-    for is_white, (x, y) in zip(word(7).ravel(), centres.reshape(-1, 2).round().astype(int).tolist(), strict=True):
-        part = tile(drawn_bands, "d")[y - reach : y + reach, x - reach : x + reach].reshape(-1, 3).astype(int)
-        # Orange has more red than blue, and blue has not; in bright bands and in dark ones.
-        assert (part[:, 2] > part[:, 0]).mean() > 0.5 if is_white else (part[:, 2] < part[:, 0]).mean() > 0.5
-
-
-def test_e_is_white_within_the_square_only(bands: Snapshot, drawn_bands: Pixels) -> None:
-    """The lamp is out of view, the room is black."""
-    at, white = view(bands), tile(drawn_bands, "e")
-    assert (colours(white, cells(at.place)) == 255).all()
-    outside = at.place(np.array([[310.0, 150], [310, 330], [220, 240], [400, 240]]))
-    assert (colours(white, outside) == 0).all()
-
-
-def test_f_has_a_green_frame_one_cell_wide(bands: Snapshot, drawn_bands: Pixels) -> None:
-    """Half a cell beyond the middle of each side; not within the square, not two cells away."""
-    at, framed = view(bands), tile(drawn_bands, "f")
-    beyond = np.array([[310.0, 240 - 94], [310, 240 + 94], [310 - 94, 240], [310 + 94, 240]])
-    assert (colours(framed, at.place(beyond)) == GREEN).all()
-    centre = np.array([310.3, 240.6])
-    assert not (colours(framed, at.place(centre + 1.5 * (beyond - centre))) == GREEN).all(axis=-1).any()
-    assert not (colours(framed, cells(at.place)) == GREEN).all(axis=-1).any()
-
-
 def test_g_is_the_marker_where_the_panel_was(bands: Snapshot, drawn_bands: Pixels) -> None:
     """White where the word is 1, black where it is 0 and in the frame, white around that."""
     at, restored = view(bands), tile(drawn_bands, "g")
     np.testing.assert_array_equal(colours(restored, cells(at.place))[..., 0] > 127, word(7))
     frame_and_ground = at.place(np.array([[310.0, 240 - 94], [310, 240 - 131]]))
     np.testing.assert_array_equal(colours(restored, frame_and_ground)[:, 0] > 127, [False, True])
-
-
-def test_without_a_panel_the_squares_are_shown() -> None:
-    """A lamp's square, with its frame, and no marker."""
-    canvas = Canvas(exposure_us=SHORT_US)
-    canvas.lamp(square(200, 300, 100))
-    snapshot = taken("uemura", canvas.frame())
-    (lamp,) = snapshot.trace.uemura[0].squares
-    at = view_of([lamp.framed_px], (480, 640), tile_width(4))
-    drawn = draw_steps(snapshot)
-    assert (colours(tile(drawn, "f"), at.place(np.array([[200.0, 300 - 62]]))) == GREEN).all()
-    assert not (tile(drawn, "g") == 255).any()
 
 
 def test_an_empty_frame_is_shown_whole() -> None:
@@ -230,50 +184,7 @@ def test_all_is_upright_as_in_the_frame(turns: int) -> None:
         np.testing.assert_allclose(seen, expected, atol=5)
 
 
-def test_in_antiphase_each_cell_of_a_panel_that_was_read_says_its_class() -> None:
-    """Given the others; by itself none can, as nothing tells which half of the cycle it is."""
-    one = ("panels.phase=antiphase", "panels.black_hz=1254", "panels.white_hz=1254")
-    canvas = Canvas(exposure_us=SHORT_US)
-    canvas.panel(PLACE, word(7), spec=panel_settings(*one).spec(), phases=(0.1, 0.6))
-    canvas.lamp(square(560, 100, 60))
-    seen = canvas.frame()
-    info = camera_info(exposure_us=seen.exposure_us)
-    pipeline = Pipeline(info, panel_settings(*one), intrinsics=PINHOLE, stream=False)
-    snapshot = take("a panel and a lamp", seen, pipeline, PINHOLE)
-    (look,) = (look for look in snapshot.trace.squares if isinstance(look.reading, Reading))
-    assert isinstance(look.evidence, Evidence)
-    turned = word(7, look.reading.quarter_turns)
-    nats = class_given_others(look.evidence, look.reading.cell_bands, turned.ravel())
-    np.testing.assert_array_equal(nats.reshape(4, 4) > 0, turned)
-    assert draw_steps(snapshot).ndim == 3
-
-
 # ---- Parts of a frame
-
-
-@pytest.mark.parametrize("corners", [square(40, 40, 60), square(600, 450, 50), square(320, 240, 460)])
-def test_a_view_holds_what_it_is_of(corners: Floats) -> None:
-    """Within the frame, also at its rim."""
-    at = view_of([corners], (480, 640), 280)
-    assert at.left >= 0
-    assert at.top >= 0
-    assert at.left + at.width / at.scale <= 640 + 1e-9
-    assert at.top + at.height / at.scale <= 480 + 1
-    placed = at.place(corners)
-    assert placed.min() >= -0.5
-    assert placed.max(axis=0)[0] <= 279.5
-    assert placed.max(axis=0)[1] <= 209.5
-
-
-def test_a_pixel_is_where_it_is_placed() -> None:
-    """The middle of what one white pixel becomes, to within a pixel of the tile."""
-    picture = np.zeros((480, 640), np.uint8)
-    picture[231, 305] = 255
-    at = view_of([PLACE], picture.shape, 280)
-    y, x = np.nonzero(at.crop(picture)[..., 0])
-    np.testing.assert_allclose([x.mean(), y.mean()], at.place(np.array([[305.0, 231]]))[0], atol=1)
-    by_matrix = cv2.perspectiveTransform(np.array([[[305.0, 231]]]), at.matrix())[0, 0]
-    np.testing.assert_allclose(by_matrix, at.place(np.array([[305.0, 231]]))[0])
 
 
 # ---- From the command line
