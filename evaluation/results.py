@@ -20,8 +20,6 @@ from evaluation import ROOT, table
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import cv2
-
 from evaluation.endurance import bridges
 from evaluation.speed import arm
 from evaluation.speed import panels as contests
@@ -167,14 +165,8 @@ def false_ids(rows: Sequence[TableRow]) -> str:
 
 def speed_table() -> str:
     """The contest of evaluation/speed/panels.py."""
-    cv2.setNumThreads(1)
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
-    every = [contests.Contest(count, SPEED_FRAMES) for count in range(1, PANELS + 1)]
-    for number in range(contests.WARM_UP_FRAMES + SPEED_FRAMES):
-        for contest in every:
-            contest.decode(number, detector)
     lines = []
-    for contest in every:
+    for contest in contests.contests_of(PANELS, SPEED_FRAMES):
         theirs = contest.median_ms(contests.THEIRS)
         ours = [contest.median_ms(name) for name in contests.OURS]
         shown = len(contest.scene.panels) * SPEED_FRAMES

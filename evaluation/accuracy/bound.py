@@ -46,7 +46,6 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.workshop.evaluate.recorded import frame_of
 from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE, PanelReader
-from ledpi.workshop.evaluate.table import PLAIN
 
 SHOWN = (4, 12)  # of a stream's frames
 RUN_GAP_NS = 60_000_000  # frames that are further apart belong to two takes
@@ -74,13 +73,13 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
     sensor, spec, (panel,) = take.scene.sensor, panels.spec(), take.scene.panels
     book = codebook(panels.dictionary, spec)
     reader = PanelReader("stream" if stream else "likelihood", sensor_info(sensor, 1.0), panels)
-    frames = list(photographed(take, take.scene, FRAMES_A_TAKE if stream else 1))
+    frames = photographed(take, take.scene, FRAMES_A_TAKE if stream else 1)
     views = [(frame, scene_truth(take.scene, frame.seq)[0].corners_px) for frame in frames]
     told = (views, sensor.intrinsics, panels.dictionary, spec)
     # True corners begin at the word's own.
     (own,) = np.flatnonzero((book.ids == panel.marker_id) & (book.quarter_turns == 0))
     memory, weigher = PanelMemory(spec), LightWeigher(len(panel.codeword), sensor.intrinsics)
-    for frame, marker_id, seen in zip(frames, read_with_oracle(*told), observed(*told), strict=True):
+    for (frame, _), marker_id, seen in zip(views, read_with_oracle(*told), observed(*told), strict=True):
         found = {
             "ledpi": any(each.id == panel.marker_id for each in reader.read(frame).found),
             "true corners": marker_id == panel.marker_id,
@@ -106,40 +105,38 @@ def bound_of(recording: Recording, *, single: bool, skip: int = 0) -> Bound:
     Raises RecordingError where there is no truth, and where a picture cannot be read.
     """
     right = wrong = total = 0
-    for marker_id, views, counts in _runs(recording, skip):
-        if not any(counts):
+    told = (recording.camera.intrinsics, recording.dictionary, recording.panel)
+    for marker_id, run in _runs(recording, skip):
+        if not any(counts for *_, counts in run):
             continue
-        seen = [(frame_of(recording, entry), corners_px) for entry, corners_px in views]
-        told = (recording.camera.intrinsics, recording.dictionary, recording.panel)
+        seen = [(frame_of(recording, entry), corners_px) for entry, corners_px, _ in run]
         groups = [[view] for view in seen] if single else [seen]
         ids = [each for group in groups for each in read_with_oracle(group, *told)]
-        judged = [each for each, judge in zip(ids, counts, strict=True) if judge]
+        judged = [each for each, (*_, counts) in zip(ids, run, strict=True) if counts]
         right += judged.count(marker_id)
         wrong += len(judged) - judged.count(marker_id) - judged.count(None)
         total += len(judged)
     return Bound(right, wrong, total)
 
 
-Run = tuple[int, list[tuple[FrameEntry, Floats]], list[bool]]
+Run = list[tuple[FrameEntry, Floats, bool]]  # of a panel in a take: each view, and whether it counts, wholly in view
 
 
-def _runs(recording: Recording, skip: int) -> Iterator[Run]:
-    """Each panel in each take: its ID, its views, and whether each counts, as it is wholly in view."""
+def _runs(recording: Recording, skip: int) -> Iterator[tuple[int, Run]]:
+    """Each panel in each take, by its ID."""
     if recording.truth is None:
         raise RecordingError(f"{recording.folder}: has no truth.jsonl, which says where its panels are")
-    takes: list[list[FrameEntry]] = []
+    runs: dict[int, Run] = {}
+    place, last_ns = 0, -RUN_GAP_NS
     for entry in recording.frames:
-        if not takes or entry.row0_readout_ns - takes[-1][-1].row0_readout_ns >= RUN_GAP_NS:
-            takes.append([])
-        takes[-1].append(entry)
-    for take in takes:
-        runs: dict[int, Run] = {}
-        for place, entry in enumerate(take):
-            for marker in recording.truth.get(entry.seq, ()):
-                _, views, counts = runs.setdefault(marker.id, (marker.id, [], []))
-                views.append((entry, marker.corners_px))
-                counts.append(place >= skip and not marker.optional)
-        yield from runs.values()
+        if entry.row0_readout_ns - last_ns >= RUN_GAP_NS:
+            yield from runs.items()
+            runs, place = {}, 0
+        for marker in recording.truth.get(entry.seq, ()):
+            counts = place >= skip and not marker.optional
+            runs.setdefault(marker.id, []).append((entry, marker.corners_px, counts))
+        place, last_ns = place + 1, entry.row0_readout_ns
+    yield from runs.items()
 
 
 def of_recordings(folder: Path, *, single: bool, skip: int) -> None:
@@ -194,15 +191,7 @@ def main() -> None:
     panels = load_config(None, ("panels.side_m=0.16",)).panels
     print("distance  " + "".join(f"{name:>22}" for name in DECODERS))
     for distance_m in distances or ([8.0, 10.0, 12.0] if args.stream else [2.0, 2.5, 3.0]):
-        condition = Condition(
-            suite="beyond",
-            case=PLAIN,
-            distance_m=distance_m,
-            angle_deg=0.0,
-            exposure_us=10_000.0,
-            transfer="srgb",
-            any_roll=True,
-        )
+        condition = Condition(suite="beyond", distance_m=distance_m, angle_deg=0.0)
         takes = [list(read(condition, panels, number, stream=args.stream)) for number in range(args.takes)]
         shares = [
             " / ".join(

@@ -38,7 +38,6 @@ from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.one_frame import read_frame
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import SquareTrace, Trace
-from ledpi.workshop.evaluate.table import PLAIN
 
 CELLS, WORDS = 16, 200  # of DICT_4X4_50, each word turned four ways
 # How many of its words there are at a distance of two and of three cells from a pattern two or more away from all.
@@ -142,15 +141,7 @@ def main() -> None:
     parser.add_argument("--exposure-us", type=float, default=10_000.0)
     asked = parser.parse_args()
     settings = load_config(None, ("panels.side_m=0.16",)).panels
-    plain = Condition(
-        suite="beyond",
-        case=PLAIN,
-        distance_m=None,
-        angle_deg=0.0,
-        exposure_us=asked.exposure_us,
-        transfer="srgb",
-        any_roll=True,
-    )
+    plain = Condition(suite="beyond", angle_deg=0.0, exposure_us=asked.exposure_us)
     print("| distance | rate asked for | recognised | decoys 2 cells off | 3 cells off | all patterns |")
     print("|---|---|---|---|---|---|")
     for distance_m in asked.distances:

@@ -23,7 +23,7 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,6 +72,17 @@ def middle_of_lamp(picture: NDArray[np.uint8], period_rows: float) -> NDArray[np
     return part if part.shape[0] >= MIN_PERIODS * period_rows and part.shape[1] >= 5 else None
 
 
+def squares(folder: Path, every: int = 1) -> Iterator[tuple[str, float, NDArray[np.uint8]]]:
+    """Name, frequency (Hz) and picture of each photograph of a square wave at this exposure."""
+    if not (folder / "index.csv").is_file():
+        sys.exit(f"{folder}: holds no photographs with an index.csv; they are not part of the project")
+    with (folder / "index.csv").open(newline="") as file:
+        for number, entry in enumerate(csv.DictReader(file)):
+            if entry["code"] == "square" and float(entry["exposure_us"]) == EXPOSURE_US and number % every == 0:
+                picture = cv2.imread(str(folder / entry["png"]), cv2.IMREAD_GRAYSCALE)
+                yield entry["png"], float(entry["freq_hz"]), np.asarray(picture, np.uint8)
+
+
 def photographs(folder: Path) -> tuple[list[Photograph], list[str]]:
     """The square-wave lamps that can be measured, and the names of the others.
 
@@ -79,17 +90,12 @@ def photographs(folder: Path) -> tuple[list[Photograph], list[str]]:
     away that they show too few periods.
     """
     found, others = [], []
-    with (folder / "index.csv").open(newline="") as file:
-        for entry in csv.DictReader(file):
-            if entry["code"] != "square" or float(entry["exposure_us"]) != EXPOSURE_US:
-                continue
-            frequency = float(entry["freq_hz"])
-            picture = np.asarray(cv2.imread(str(folder / entry["png"]), cv2.IMREAD_GRAYSCALE), np.uint8)
-            part = middle_of_lamp(picture, 1e6 / frequency / ROW_TIME_US)
-            if part is None or "NLOS" in entry["png"]:
-                others.append(entry["png"])
-            else:
-                found.append(Photograph(entry["png"], frequency, part.astype(np.float64)))
+    for name, frequency_hz, picture in squares(folder):
+        part = middle_of_lamp(picture, 1e6 / frequency_hz / ROW_TIME_US)
+        if part is None or "NLOS" in name:
+            others.append(name)
+        else:
+            found.append(Photograph(name, frequency_hz, part.astype(np.float64)))
     return found, others
 
 
@@ -176,30 +182,28 @@ def frequency_errors(folder: Path, every: int = 1) -> tuple[dict[float, list[flo
     """
     errors: dict[float, list[float]] = {}
     none = 0
-    with (folder / "index.csv").open(newline="") as file:
-        for number, entry in enumerate(csv.DictReader(file)):
-            if entry["code"] != "square" or float(entry["exposure_us"]) != EXPOSURE_US or number % every:
-                continue
-            picture = np.asarray(cv2.imread(str(folder / entry["png"]), cv2.IMREAD_GRAYSCALE), np.uint8)
-            frame = Frame(
-                pixels=picture,
-                seq=0,
-                row0_readout_ns=0,
-                exposure_us=EXPOSURE_US,
-                row_time_us=ROW_TIME_US,
-                transfer="srgb",
-            )
-            found = lamp_frequency(lamp_rows(frame), exposure_us=EXPOSURE_US, row_time_us=ROW_TIME_US)
-            if found is None:
-                none += 1
-            else:
-                errors.setdefault(float(entry["freq_hz"]), []).append(found.value / float(entry["freq_hz"]) - 1)
+    for _, frequency_hz, picture in squares(folder, every):
+        found = lamp_frequency(lamp_rows(frame_of(picture)), exposure_us=EXPOSURE_US, row_time_us=ROW_TIME_US)
+        if found is None:
+            none += 1
+        else:
+            errors.setdefault(frequency_hz, []).append(found.value / frequency_hz - 1)
     return dict(sorted(errors.items())), none
 
 
+def frame_of(picture: NDArray[np.uint8]) -> Frame:
+    """The picture as that camera takes it."""
+    return Frame(
+        pixels=picture,
+        seq=0,
+        row0_readout_ns=10**9,
+        exposure_us=EXPOSURE_US,
+        row_time_us=ROW_TIME_US,
+        transfer="srgb",
+    )
+
+
 def measure(folder: Path) -> None:
-    if not (folder / "index.csv").is_file():
-        sys.exit(f"{folder}: holds no photographs with an index.csv; they are not part of the project")
     found, others = photographs(folder)
     print(f"{len(found)} photographs; {len(others)} left out: no lamp in view, or under {MIN_PERIODS} periods of it")
     tone = measured_tone([p for p in found if p.frequency_hz == 500])

@@ -129,16 +129,14 @@ def nt(seconds: float, folder: Path) -> Figures:
     """Measures one bridge into a server."""
     far = Nt(folder)
     far.start()
-    made_up = MadeUpDaemon(folder / "tap.sock", numbered=True, frame_s=FRAME_S)
-    try:
-        with bridge(far.settings, folder / "tap.sock", folder) as one:
-            wait_until(lambda: bool(far.frames))
-            before = memory_kib(one.process)
-            back_ns = through_an_outage(far, seconds)
-            gained = memory_kib(one.process) - before
-    finally:
-        made_up.close()
-        far.close()
+    with ExitStack() as stack:
+        stack.callback(far.close)
+        stack.callback(MadeUpDaemon(folder / "tap.sock", numbered=True, frame_s=FRAME_S).close)
+        one = stack.enter_context(bridge(far.settings, folder / "tap.sock", folder))
+        wait_until(lambda: bool(far.frames))
+        before = memory_kib(one.process)
+        back_ns = through_an_outage(far, seconds)
+        gained = memory_kib(one.process) - before
     after = [frame for frame in far.frames if frame[0] > back_ns]
     old = sum(age_us > OLD_US for _, _, age_us in after)
     late_ms = [age_us / 1e3 for _, _, age_us in far.frames]

@@ -27,7 +27,7 @@ from evaluation.endurance import hostile_frames, hostile_recordings
 from ledpi.core.errors import LedpiError
 from ledpi.core.records import Decoded
 
-ATTACKS = {"scene": hostile_frames.attacks, "recording": hostile_recordings.attacks}
+ATTACKS = {"scene": hostile_frames.attack, "recording": hostile_recordings.attack}
 
 
 @dataclass
@@ -84,12 +84,11 @@ def main() -> None:
     warnings.simplefilter("error", RuntimeWarning)  # numpy's, of what is no number
     logging.disable()  # each picture that cannot be read has a line there
     tally, ends_s = Tally(), time.monotonic() + asked.seconds
-    with ATTACKS[asked.what]() as attack:
-        for number in itertools.count() if asked.only is None else [asked.only]:
-            if tally.done >= asked.most or time.monotonic() >= ends_s:
-                break
-            print(f"{asked.what} {number}", flush=True)
-            tally.read(number, attack(asked.seed, number))
+    for number in itertools.count() if asked.only is None else [asked.only]:
+        if tally.done >= asked.most or time.monotonic() >= ends_s:
+            break
+        print(f"{asked.what} {number}", flush=True)
+        tally.read(number, ATTACKS[asked.what](asked.seed, number))
     print(tally)
 
 

@@ -8,8 +8,7 @@ Camera, lens, dictionary and method are drawn.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import get_args
 
@@ -38,20 +37,11 @@ MAX_FRAMES = 8  # of a scene
 
 def draw_camera(rng: Rng, *, easy: bool) -> CameraInfo:
     """Any size, exposure, rows and lens; or a usual one."""
+    width, height = USUAL_SIZE if easy else SIZES[rng.choice(len(SIZES), p=SIZE_SHARES)]
     lens = None
     if easy:
-        width, height = USUAL_SIZE
         lens = Intrinsics(width=width, height=height, fx=width, fy=width, cx=width / 2, cy=height / 2)
-        return CameraInfo(
-            width=width,
-            height=height,
-            exposure_us=float(rng.choice(USUAL_EXPOSURES_US)),
-            row_time_us=USUAL_ROW_TIME_US,
-            transfer="linear",
-            intrinsics=lens,
-        )
-    width, height = SIZES[rng.choice(len(SIZES), p=SIZE_SHARES)]
-    if rng.random() < 0.8:
+    elif rng.random() < 0.8:
         focal = rng.choice(FOCAL_WIDTHS) * width
         k1, k2, p1, p2, k3 = rng.choice(DISTORTIONS, p=DISTORTION_SHARES) * rng.uniform(-1, 1, 5)
         cx, cy, distortion = width / 2, height / 2, (k1, k2, p1, p2, k3)
@@ -59,19 +49,18 @@ def draw_camera(rng: Rng, *, easy: bool) -> CameraInfo:
     return CameraInfo(
         width=width,
         height=height,
-        exposure_us=float(rng.choice(EXPOSURES_US, p=EXPOSURE_SHARES)),
-        row_time_us=float(rng.choice(ROW_TIMES_US, p=ROW_TIME_SHARES)),
-        transfer=rng.choice(get_args(Transfer)),
+        exposure_us=float(rng.choice(USUAL_EXPOSURES_US) if easy else rng.choice(EXPOSURES_US, p=EXPOSURE_SHARES)),
+        row_time_us=USUAL_ROW_TIME_US if easy else float(rng.choice(ROW_TIMES_US, p=ROW_TIME_SHARES)),
+        transfer="linear" if easy else rng.choice(get_args(Transfer)),
         intrinsics=lens,
     )
 
 
 def draw_panels(rng: Rng) -> PanelSettings:
     """Any dictionary; a fifth in antiphase."""
-    dictionary = str(rng.choice(DICTIONARIES, p=DICTIONARY_SHARES))
-    if rng.random() < 0.2:
-        return PanelSettings(side_m=0.16, dictionary=dictionary, black_hz=1250, white_hz=1250, phase="antiphase")
-    return PanelSettings(side_m=0.16, dictionary=dictionary)
+    panels = PanelSettings(side_m=0.16, dictionary=str(rng.choice(DICTIONARIES, p=DICTIONARY_SHARES)))
+    antiphase = {"black_hz": 1250.0, "white_hz": 1250.0, "phase": "antiphase"}
+    return panels.model_copy(update=antiphase) if rng.random() < 0.2 else panels
 
 
 def draw_picture(camera: CameraInfo, dictionary: str, rng: Rng, kind: int, *, easy: bool) -> Drawing:
@@ -137,13 +126,7 @@ class Blink:
         ]
 
 
-@contextmanager
-def attacks() -> Iterator[Callable[[int, int], Iterator[Decoded]]]:
-    """Yields what decodes a scene, by seed and number."""
-    yield decode
-
-
-def decode(seed: int, number: int) -> Iterator[Decoded]:
+def attack(seed: int, number: int) -> Iterator[Decoded]:
     """Yields what each frame of a scene has come to."""
     rng = np.random.default_rng((seed, number))
     easy = bool(rng.random() < 0.5)

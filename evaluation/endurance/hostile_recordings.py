@@ -13,7 +13,7 @@ import random
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +46,8 @@ def write_sound(folder: Path) -> None:
     config = load_config(None, ("camera.source=simulated",))
     camera = open_camera(config, paced=False, frames=FRAMES)
     into = np.empty((camera.info.height, camera.info.width), np.uint8)
-    with RecordingWriter(
-        folder, camera=camera.info, dictionary=config.panels.dictionary, panel=config.panels.spec()
-    ) as writer:
+    panels = config.panels
+    with RecordingWriter(folder, camera=camera.info, dictionary=panels.dictionary, panel=panels.spec()) as writer:
         while isinstance(frame := camera.read(into), Frame):
             writer.write(frame)
     (folder / MAP).write_text(PLACES, encoding="utf-8")
@@ -71,27 +70,22 @@ def _numbers(document: Any) -> Iterator[tuple[Any, Any]]:
             yield document, key
 
 
-def _change_yaml(file: Path, rng: random.Random) -> None:
-    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+def _change_number(document: Any, rng: random.Random) -> None:
     holder, key = rng.choice(list(_numbers(document)))
     holder[key] = _another(holder[key], rng)
-    file.write_text(yaml.safe_dump(document), encoding="utf-8")
 
 
-def _change_header(take: Path, rng: random.Random) -> None:
-    _change_yaml(take / HEADER, rng)
-
-
-def _change_map(take: Path, rng: random.Random) -> None:
-    _change_yaml(take / MAP, rng)
+def _change_yaml(take: Path, rng: random.Random, name: str) -> None:
+    document = yaml.safe_load((take / name).read_text(encoding="utf-8"))
+    _change_number(document, rng)
+    (take / name).write_text(yaml.safe_dump(document), encoding="utf-8")
 
 
 def _change_line(take: Path, rng: random.Random) -> None:
     lines = (take / LINES).read_text(encoding="utf-8").splitlines()
     at = rng.randrange(len(lines))
     line = json.loads(lines[at])
-    holder, key = rng.choice(list(_numbers(line)))
-    holder[key] = _another(holder[key], rng)
+    _change_number(line, rng)
     lines[at] = json.dumps(line)
     (take / LINES).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -113,7 +107,8 @@ def _change_picture(take: Path, rng: random.Random) -> None:
 
 
 DAMAGES: tuple[Callable[[Path, random.Random], None], ...] = (
-    *(_change_header, _change_header, _change_map, _change_map, _change_line, _damage_bytes, _change_picture),
+    *(partial(_change_yaml, name=name) for name in (HEADER, HEADER, MAP, MAP)),
+    *(_change_line, _damage_bytes, _change_picture),
 )
 
 
@@ -138,17 +133,18 @@ def decode(take: Path) -> Iterator[Decoded]:
             yield pipeline.decode(frame)
 
 
-@contextmanager
-def attacks() -> Iterator[Callable[[int, int], Iterator[Decoded]]]:
-    """Yields what damages a copy of a sound recording, by seed and number, and reads that."""
-    with tempfile.TemporaryDirectory() as folder:
-        sound, take = Path(folder) / "sound", Path(folder) / "take"
-        write_sound(sound)
+@cache
+def _sound() -> tempfile.TemporaryDirectory[str]:
+    """One for the whole process, which removes it at its end."""
+    folder = tempfile.TemporaryDirectory()
+    write_sound(Path(folder.name) / "sound")
+    return folder
 
-        def attack(seed: int, number: int) -> Iterator[Decoded]:
-            shutil.rmtree(take, ignore_errors=True)
-            shutil.copytree(sound, take)
-            damage(take, random.Random(f"{seed} {number}"))
-            yield from decode(take)
 
-        yield attack
+def attack(seed: int, number: int) -> Iterator[Decoded]:
+    """Damages a copy of a sound recording, and yields what each of its frames has come to."""
+    sound, take = (Path(_sound().name) / name for name in ("sound", "take"))
+    shutil.rmtree(take, ignore_errors=True)
+    shutil.copytree(sound, take)
+    damage(take, random.Random(f"{seed} {number}"))
+    yield from decode(take)

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import random
 import time
-from collections.abc import Callable
 
 from evaluation import end
 from ledpi.wire import (
@@ -70,46 +69,32 @@ def random_message(rng: random.Random) -> Message:
     return MarkerMessage(id=rng.getrandbits(16), age_us=rng.getrandbits(17), pose=pose, ambiguous=rng.random() < 0.2)
 
 
-def _flip(frame: bytearray, rng: random.Random) -> None:
-    for _ in range(rng.randint(1, 5)):
-        frame[rng.randrange(len(frame))] ^= 1 << rng.randrange(8)
+DAMAGES = ("flip", "flip", "lose", "double", "put in", "exchange", "noise", "delimit", "run together")
 
 
-def _lose(frame: bytearray, rng: random.Random) -> None:
-    at = rng.randrange(len(frame))
-    del frame[at : at + rng.randint(1, 12)]
-
-
-def _double(frame: bytearray, rng: random.Random) -> None:
-    at = rng.randrange(len(frame))
-    frame[at:at] = frame[at : at + rng.randint(1, 12)]
-
-
-def _put_in(frame: bytearray, rng: random.Random) -> None:
-    at = rng.randrange(len(frame))
-    frame[at:at] = rng.randbytes(rng.randint(1, 3))
-
-
-def _exchange(frame: bytearray, rng: random.Random) -> None:
-    a, b = rng.randrange(len(frame)), rng.randrange(len(frame))
-    frame[a], frame[b] = frame[b], frame[a]
-
-
-def _noise(frame: bytearray, rng: random.Random) -> None:
-    frame[:] = rng.randbytes(rng.randint(1, 120))
-
-
-def _delimit(frame: bytearray, rng: random.Random) -> None:
-    frame[rng.randrange(len(frame))] = 0
-
-
-def _run_together(frame: bytearray, rng: random.Random) -> None:
-    del frame[-1]
-
-
-DAMAGES: tuple[Callable[[bytearray, random.Random], None], ...] = (
-    *(_flip, _flip, _lose, _double, _put_in, _exchange, _noise, _delimit, _run_together),
-)
+def damage(frame: bytearray, rng: random.Random) -> None:
+    """Harms it as lines do."""
+    kind = rng.choice(DAMAGES)
+    if kind == "flip":
+        for _ in range(rng.randint(1, 5)):
+            frame[rng.randrange(len(frame))] ^= 1 << rng.randrange(8)
+    elif kind == "noise":
+        frame[:] = rng.randbytes(rng.randint(1, 120))
+    elif kind == "run together":
+        del frame[-1]
+    else:
+        at = rng.randrange(len(frame))
+        if kind == "lose":
+            del frame[at : at + rng.randint(1, 12)]
+        elif kind == "double":
+            frame[at:at] = frame[at : at + rng.randint(1, 12)]
+        elif kind == "put in":
+            frame[at:at] = rng.randbytes(rng.randint(1, 3))
+        elif kind == "delimit":
+            frame[at] = 0
+        else:
+            other = rng.randrange(len(frame))
+            frame[at], frame[other] = frame[other], frame[at]
 
 
 def corrupted_stream(count: int, rng: random.Random) -> tuple[bytes, list[Message]]:
@@ -119,7 +104,7 @@ def corrupted_stream(count: int, rng: random.Random) -> tuple[bytes, list[Messag
     while len(stream) < count:
         frame = bytearray(rng.choice(pool))
         if rng.random() > WHOLE_SHARE:
-            rng.choice(DAMAGES)(frame, rng)
+            damage(frame, rng)
         stream += frame
     stream += b"\0"
     sent = {frame[:-1]: decode(frame[:-1])[1] for frame in pool}

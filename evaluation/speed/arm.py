@@ -86,11 +86,8 @@ def drawn() -> dict[tuple[str, str], list[Frame]]:
 
 
 def thousands_a_frame(wheel: Path) -> Figures:
-    with tempfile.TemporaryDirectory() as folder:
-        pictures = Path(folder) / "frames"
-        frames = drawn()
-        pictures.write_bytes(pickle.dumps(frames))
-        program = ["-m", __spec__.name, "--pictures", str(pictures)]
+    frames = drawn()
+    with counting.program_of(__spec__.name, frames) as program:
         counts = {"aarch64": counting.on_aarch64(wheel, program), "x86_64": counting.on_x86_64(program)}
     return {
         machine: {
@@ -108,24 +105,14 @@ def kept() -> Figures:
     return figures
 
 
-def built_wheel(folder: Path) -> Path:
-    """For 64-bit ARM, of this clone."""
-    subprocess.run([ROOT / "scripts" / "wheels", folder], cwd=ROOT, check=True, capture_output=True)
-    return next(folder.glob("ledpi-*_aarch64.whl"))
-
-
 def counts_table(figures: Figures) -> str:
     """Millions of instructions a frame, on ARM and on x86-64."""
     lines = (
-        [f"{kind}, {exposure}", *(_millions(figures[machine][exposure], kind) for machine in MACHINES)]
+        [f"{kind}, {exposure}", *(f"{figures[machine][exposure][kind] / 1e3:.1f}" for machine in MACHINES)]
         for exposure in EXPOSURES_US
         for kind in KINDS
     )
     return table(["millions of instructions a frame", "64-bit ARM", "x86-64"], lines)
-
-
-def _millions(counts: Mapping[str, int], kind: str) -> str:
-    return f"{counts[kind] / 1e3:.1f}" if kind in counts else "not counted"
 
 
 def boards_table(figures: Figures) -> str:
@@ -133,16 +120,12 @@ def boards_table(figures: Figures) -> str:
     lines = []
     for board in BOARDS:
         for exposure, counts in figures["aarch64"].items():
-            rates = {kind: _rates(board, count) for kind, count in counts.items()}
+            at_most = board.coremark_ipc * board.clock_ghz * 1e6  # thousands of instructions a second
+            rates = {kind: [share * at_most / count for share in SHARES] for kind, count in counts.items()}
             shown = [_between(rates[kind]) for kind in RATES]
             first_ms = _between([1e3 / rate for rate in reversed(rates[FIRST])])
             lines.append([board.name, f"{board.core}, {board.clock_ghz:g} GHz", exposure, *shown, f"{first_ms} ms"])
     return table(["Raspberry Pi", "processor", "exposure", *RATES, FIRST], lines)
-
-
-def _rates(board: Board, thousands: int) -> list[float]:
-    """Frames a second, at the least and at the most."""
-    return [share * board.coremark_ipc * board.clock_ghz * 1e6 / thousands for share in SHARES]
 
 
 def _between(values: Sequence[float]) -> str:
@@ -177,7 +160,10 @@ def main() -> None:
         decode(arguments.pictures)
         return
     with tempfile.TemporaryDirectory() as folder:
-        figures = thousands_a_frame(arguments.wheel or built_wheel(Path(folder)))
+        if (wheel := arguments.wheel) is None:
+            subprocess.run([ROOT / "scripts" / "wheels", folder], cwd=ROOT, check=True, capture_output=True)
+            wheel = next(Path(folder).glob("ledpi-*_aarch64.whl"))
+        figures = thousands_a_frame(wheel)
     print(counts_table(figures), boards_table(figures), sep="\n\n")
     if not arguments.renew:
         return

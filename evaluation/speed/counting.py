@@ -7,12 +7,13 @@ emulated by qemu-user, for which marks.c counts. What else the machine does chan
 from __future__ import annotations
 
 import os
+import pickle
 import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from evaluation import ROOT
@@ -24,6 +25,15 @@ def mark() -> None:
     """Begins a stretch, or ends it."""
     with suppress(OSError):
         os.getpgid(MARK)
+
+
+@contextmanager
+def program_of(module: str, frames: object) -> Iterator[list[str]]:
+    """The words after `python` of a benchmark that decodes what `pictures` loads, given as its option --pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        pictures = Path(folder) / "frames"
+        pictures.write_bytes(pickle.dumps(frames))
+        yield ["-m", module, "--pictures", str(pictures)]
 
 
 def on_x86_64(program: Sequence[str]) -> list[int]:

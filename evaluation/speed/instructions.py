@@ -14,7 +14,6 @@ import json
 import os
 import pickle
 import sys
-import tempfile
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -53,10 +52,8 @@ def decode(pictures: Path) -> None:
 
 def thousands_a_frame() -> dict[str, int]:
     """By kind."""
-    with tempfile.TemporaryDirectory() as folder:
-        pictures = Path(folder) / "frames"
-        pictures.write_bytes(pickle.dumps(frames_of(scene_of(1), WARM_UP + MORE)))
-        counts = counting.on_x86_64(["-m", __spec__.name, "--pictures", str(pictures)])
+    with counting.program_of(__spec__.name, frames_of(scene_of(1), WARM_UP + MORE)) as program:
+        counts = counting.on_x86_64(program)
     return {kind: round(count / MORE / 1e3) for kind, count in zip(KINDS, counts, strict=True)}
 
 

@@ -55,12 +55,6 @@ class Latency:
         )
 
 
-def mid_exposure_to_ready_ms(take: Path, centre_row: float) -> float:
-    """From mid-exposure of a row to the end of the frame's read-out: its rows are read out below it, and half of T."""
-    camera = load_recording(take).camera
-    return float((camera.height - centre_row) * camera.row_time_us + camera.exposure_us / 2) / 1e3
-
-
 @contextmanager
 def recording_in_memory(frames: int = FRAMES, *, plain: bool = False) -> Iterator[Path]:
     """A panel 1 m straight ahead, its centre in the picture's, where neither disk nor processor delays a picture."""
@@ -76,8 +70,11 @@ def recording_in_memory(frames: int = FRAMES, *, plain: bool = False) -> Iterato
 
 
 def latencies_ms(markers: Sequence[MarkerMessage], take: Path, centre_row: float = CENTRE_ROW) -> Floats:
-    """Returns that of each packet: from the frame that is ready to its first byte."""
-    return np.array([marker.age_us for marker in markers]) / 1e3 - mid_exposure_to_ready_ms(take, centre_row)
+    """Latency of each packet: from the frame that is ready to its first byte."""
+    camera = load_recording(take).camera
+    # From mid-exposure of a row to the end of the frame's read-out: its rows are read out below it, and half of T.
+    ready_us = (camera.height - centre_row) * camera.row_time_us + camera.exposure_us / 2
+    return (np.array([marker.age_us for marker in markers]) - ready_us) / 1e3
 
 
 def measure(seconds: float, *, frames: int = FRAMES, warm_up: int = WARM_UP, centre_row: float = CENTRE_ROW) -> Latency:

@@ -12,9 +12,10 @@ panel costs.
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -62,18 +63,17 @@ class Contest:
     def decode(self, number: int, detector: cv2.aruco.ArucoDetector) -> None:
         """One frame, by all three in turn; while caches and tracks warm up it does not count."""
         frame, counts = self.frames[number], number >= WARM_UP_FRAMES
-        start = time.thread_time()
+        starts = [time.thread_time()]
         detector.detectMarkers(frame.pixels)
-        taken = {THEIRS: time.thread_time() - start}
+        starts.append(time.thread_time())
         for name, pipeline in self.pipelines.items():
-            start = time.thread_time()
             decoded = pipeline.decode(frame)
-            taken[name] = time.thread_time() - start
+            starts.append(time.thread_time())
             if counts:
                 self.decoded[name].append(decoded)
-        for name, seconds in taken.items():
+        for name, (start, end) in zip(self.taken_ms, itertools.pairwise(starts), strict=True):
             if counts:
-                self.taken_ms[name].append(1e3 * seconds)
+                self.taken_ms[name].append(1e3 * (end - start))
 
     def median_ms(self, name: str) -> float:
         return float(np.median(self.taken_ms[name]))
@@ -90,9 +90,15 @@ class Contest:
             )
 
 
-def further_panel(counts: Sequence[int], ms: Sequence[float]) -> float:
-    """Slope of a straight line through the times, in milliseconds a panel."""
-    return float(np.polyfit(counts, ms, 1)[0])
+def contests_of(most: int, frames: int) -> list[Contest]:
+    """Run with 1 to `most` panels, frame by frame in turn."""
+    cv2.setNumThreads(1)
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    contests = [Contest(count, frames) for count in range(1, most + 1)]
+    for number in range(WARM_UP_FRAMES + frames):
+        for contest in contests:
+            contest.decode(number, detector)
+    return contests
 
 
 def main() -> None:
@@ -100,17 +106,12 @@ def main() -> None:
     parser.add_argument("--panels", type=int, default=MOST_ABREAST, choices=range(2, MOST_ABREAST + 1))
     parser.add_argument("--frames", type=int, default=24)
     arguments = parser.parse_args()
-    cv2.setNumThreads(1)
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
-    counts = range(1, arguments.panels + 1)
-    contests = [Contest(count, arguments.frames) for count in counts]
-    for number in range(WARM_UP_FRAMES + arguments.frames):
-        for contest in contests:
-            contest.decode(number, detector)
+    contests = contests_of(arguments.panels, arguments.frames)
     print(*(line for contest in contests for line in contest.lines()), sep="\n")
     theirs = float(np.median([contest.median_ms(THEIRS) for contest in contests]))
     for name in OURS:
-        slope = further_panel(counts, [contest.median_ms(name) for contest in contests])
+        ms = [contest.median_ms(name) for contest in contests]
+        slope = float(np.polyfit(range(len(ms)), ms, 1)[0])  # of a straight line through the times
         print(f"each further panel, {name}: {slope:.2f} ms, {slope / theirs:.2f} of detectMarkers")
 
 

@@ -62,46 +62,44 @@ def scheduled() -> tuple[list[str], list[str]]:
     return [], []
 
 
+@contextmanager
+def running(
+    take: Path, folder: Path, seconds: float, *settings: str, watched: bool
+) -> Iterator[tuple[subprocess.Popen[str], Page | None]]:
+    """A daemon on the recording, and its page where it is watched, scheduled as their units say."""
+    of_daemon, of_page = scheduled()
+    fixed, endless = (f"camera.source=recording:{take}", f"tap.socket={folder}/tap.sock"), ("--frames", "1000000")
+    started = daemon(*fixed, *settings, options=endless, command=[*of_daemon, *COMMAND], life_s=LIFE_S + seconds)
+    with started as process, ExitStack() as stack:
+        yield process, stack.enter_context(view(folder, before=of_page)) if watched else None
+
+
 def turn(take: Path, seconds: float, *, watched: bool) -> Turn:
     """A daemon for so long after its warm-up, and after its ring is full."""
-    of_daemon, of_page = scheduled()
-    with tempfile.TemporaryDirectory() as name, controller() as line, ExitStack() as stack:
-        folder = Path(name)
-        settings = (
-            *(f"camera.source=recording:{take}", f"serial.port={line.port}", f"tap.socket={folder}/tap.sock"),
-            *((f"rewind.memory_mb={RING_MB}",) if watched else ("rewind.seconds=0",)),
-        )
-        started = daemon(
-            *settings,
-            options=("--frames", "1000000"),
-            command=[*of_daemon, *COMMAND],
-            life_s=LIFE_S + seconds,
-        )
-        process = stack.enter_context(started)
-        pages = _Pages()
-        if watched:
-            pages.open(stack.enter_context(view(folder, before=of_page)))
+    ring = f"rewind.memory_mb={RING_MB}" if watched else "rewind.seconds=0"
+    with (
+        tempfile.TemporaryDirectory() as name,
+        controller() as line,
+        running(take, Path(name), seconds, f"serial.port={line.port}", ring, watched=watched) as (process, page),
+    ):
+        pages = _Pages(page)
         line.wait_for(lambda c: len(c.markers) > 2 * WARM_UP)
         first, before = len(line.markers), pages.pictures
         time.sleep(seconds)
-        pictures = pages.pictures - before
+        pictures, memory = pages.pictures - before, sample(process.pid)
         latency_ms = latencies_ms(line.markers[first:], take)
-        memory = sample(process.pid)
         pages.close()
     assert memory is not None, "the daemon ended"
     return Turn(latency_ms, memory.own / 1e6, pictures)
 
 
 class _Pages:
-    """Two browsers' questions."""
+    """Two browsers' questions; none where there is no page."""
 
-    def __init__(self) -> None:
+    def __init__(self, page: Page | None) -> None:
         self.pictures = 0
         self._ending = threading.Event()
-        self._threads: list[threading.Thread] = []
-
-    def open(self, page: Page) -> None:
-        loops = (self._look, self._ask) * VIEWERS
+        loops = (self._look, self._ask) * VIEWERS if page else ()
         self._threads = [threading.Thread(target=loop, args=(page,), daemon=True) for loop in loops]
         for thread in self._threads:
             thread.start()
@@ -157,10 +155,16 @@ def cost(turns: int, seconds: float, allow: float) -> dict[str, bool]:
 
 
 def ages_ms(seconds: float) -> Floats:
-    """Returns those of the pictures that Chromium has drawn, by the page's own measure."""
+    """Ages of the pictures that Chromium has drawn, by the page's own measure."""
     read = "return ['figure', 'age'].map(id => ({...document.getElementById(id).dataset})).map(d => d.seq || d.ms)"
     ages: dict[str, float] = {}
-    with _watched_daemon() as page, browser() as chromium:
+    with (
+        tempfile.TemporaryDirectory() as name,
+        recording_in_memory() as take,
+        running(take, Path(name), 9 * LIFE_S + seconds, f"serial.port={name}/none", watched=True) as (_, page),
+        browser() as chromium,
+    ):
+        assert page is not None
         chromium.get(page.address)
         wait_until(lambda: chromium.execute_script(read)[1], "a picture")
         time.sleep(5.0)  # until all is loaded, and clocks are compared
@@ -170,20 +174,6 @@ def ages_ms(seconds: float) -> Floats:
             ages.setdefault(seq, float(age_ms))
             time.sleep(AGE_EVERY_S)
     return np.array(list(ages.values()))
-
-
-@contextmanager
-def _watched_daemon() -> Iterator[Page]:
-    of_daemon, of_page = scheduled()
-    with tempfile.TemporaryDirectory() as name, recording_in_memory() as take:
-        tap, port = f"tap.socket={name}/tap.sock", f"serial.port={name}/none"
-        options = ("--frames", "1000000")
-        settings = (f"camera.source=recording:{take}", tap, port)
-        with (
-            daemon(*settings, options=options, command=[*of_daemon, *COMMAND], life_s=10 * LIFE_S),
-            view(Path(name), before=of_page) as page,
-        ):
-            yield page
 
 
 def age(seconds: float) -> dict[str, bool]:

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import typer
 
 from evaluation.suites.conditions import Method, Suite
 from evaluation.suites.keep import keep_wild, write_take
-from evaluation.suites.page import result, section
 from evaluation.suites.plan import Plan
 from evaluation.suites.prints import has_apriltag
 from evaluation.suites.units import code_version
@@ -27,7 +28,18 @@ from ledpi.config.overrides import METHODS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.wording import StrEnum
-from ledpi.workshop.evaluate.page import PAGE_FILE, ResultsFolder, summary, write_results
+from ledpi.workshop.evaluate.page import (
+    PAGE_FILE,
+    ResultsFolder,
+    false_ids,
+    groups,
+    pivot,
+    rate,
+    recognised_tables,
+    summary,
+    write_results,
+)
+from ledpi.workshop.evaluate.table import TableRow, wilson
 
 
 class SuiteName(StrEnum):
@@ -57,6 +69,46 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"max_content_width": 120, "help_option_names": ["-h", "--help"]},
 )
+
+
+_TITLES = {
+    "paper": "The paper's experiment",
+    "beyond": "Beyond the paper",
+    "robustness": "Robustness",
+    "decoys": "Decoys: nothing may be reported",
+    "wild": "Wild: everything varied at once",
+}
+
+
+def section(rows: Sequence[TableRow]) -> list[str]:
+    """The title and the tables of the rows of one suite."""
+    title = _TITLES[rows[0].suite]
+    if rows[0].suite != "decoys":
+        return [title, *recognised_tables(rows)]
+    return [title, pivot([*rows, *_totals(rows)], result), *false_ids(rows)]
+
+
+def result(row: TableRow) -> str:
+    """The rate; of decoys the false IDs, as if the frames of a take were one: the interval is no promise of less."""
+    if row.suite != "decoys":
+        return rate(row)
+    most = 100 * wilson(min(row.false_ids, row.trials), row.trials)[1]
+    count = f"**{row.false_ids} false**" if row.false_ids else "0"
+    return f"{count} in {row.frames} frames of {row.trials} scenes (below {most:.2g} % of scenes)"
+
+
+def _totals(rows: Sequence[TableRow]) -> list[TableRow]:
+    """One a method, over all kinds of decoys."""
+    return [
+        replace(
+            own[0],
+            case="all",
+            frames=sum(row.frames for row in own),
+            trials=sum(row.trials for row in own),
+            false_ids=sum(row.false_ids for row in own),
+        )
+        for own in groups(rows, lambda row: row.method)
+    ]
 
 
 _METHOD = method_option(MethodName, METHODS | {"told": "oracle"}, "all that the suite is for")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from evaluation.simulated import Ripple
 from evaluation.suites.wild_rows import WILD
 from ledpi.config.panels import PanelSettings
 from ledpi.core.dictionaries import load_dictionary
@@ -16,14 +18,22 @@ Suite = Literal["paper", "beyond", "robustness", "decoys", "wild"]
 Method = Literal["uemura", "likelihood", "stream", "aruco", "apriltag", "ledpi", "oracle"]
 METHODS: tuple[Method, ...] = ("uemura", "likelihood", "stream", "aruco", "apriltag")
 WILD_METHODS: tuple[Method, ...] = ("ledpi", "oracle", "aruco")  # ledpi: likelihood or stream as the row asks
-PRINTED: tuple[Method, ...] = ("aruco", "apriltag")
+PRINTED: tuple[Literal["aruco", "apriltag"], ...] = ("aruco", "apriltag")
 
-PAPER_DISTANCES_M = tuple(round(0.2 * step, 1) for step in range(2, 11))
-PAPER_ANGLES_DEG = (-70.0, -45.0, -20.0, 0.0, 20.0, 45.0, 70.0)
-BEYOND_DISTANCES_M = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
-BEYOND_ANGLES_DEG = (-80.0, 80.0)
 # Where a panel fills half the picture, where a single frame has light to spare, and where it has not.
 ROBUSTNESS_DISTANCES_M = (0.45, 1.0, 3.0)
+PLACES: dict[str, tuple[tuple[float, float], ...]] = {  # distance in m, angle in degrees
+    "paper": (
+        *((round(0.2 * step, 1), 0.0) for step in range(2, 11)),
+        *((PAPER_ANGLES_AT_M, angle) for angle in (-70.0, -45.0, -20.0, 20.0, 45.0, 70.0)),
+    ),
+    "beyond": (
+        *((distance, 0.0) for distance in (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)),
+        *((PAPER_ANGLES_AT_M, angle) for angle in (-80.0, 80.0)),
+    ),
+    "robustness": tuple((distance, 0.0) for distance in ROBUSTNESS_DISTANCES_M),
+    "decoys": (),
+}
 # Asked for; the sensor rounds down to whole rows. Robustness has other exposures among its cases.
 EXPOSURES_US: dict[str, tuple[float, ...]] = {
     "paper": (10_000.0, 150.0),
@@ -71,7 +81,7 @@ class Variation:
     hidden: Literal["", "corner", "edge"] = ""
     hidden_share: float = 0.12  # of the panel's side
     lamps: int = 0  # other lights in view
-    room_ripple: tuple[float, float] | None = None  # frequency in Hz and depth of the light in the room
+    room_ripple: Ripple | None = None  # of the light in the room, and of lamps
     on_a_page: bool = False  # without a bezel, on paper with black spots
     touching: int = 0  # sides that something bright touches; then there is no bezel
     bezel: Literal["black", "none", "bright", "white"] = "black"  # white: as bright as the cells
@@ -117,8 +127,8 @@ VARIATIONS: dict[str, Variation] = {
     # Windows, sheets, lamps: from far darker than the cells to as bright, along all of a side or a part.
     "touched by something bright": Variation(touching=2),
     # Twice the mains' frequency, as deep as poor LED lamps do it. 100 Hz vanish at 10 ms; 120 Hz keep 16 %.
-    "mains flicker, 50 Hz": Variation(room_ripple=(100.0, 0.6), lamps=2),
-    "mains flicker, 60 Hz": Variation(room_ripple=(120.0, 0.6), lamps=2),
+    "mains flicker, 50 Hz": Variation(room_ripple=Ripple(frequency_hz=100.0, depth=0.6), lamps=2),
+    "mains flicker, 60 Hz": Variation(room_ripple=Ripple(frequency_hz=120.0, depth=0.6), lamps=2),
     "exposure 500 µs": Variation(exposure_us=500.0),
     "exposure 2 ms": Variation(exposure_us=2_000.0),
     "exposure 5 ms": Variation(exposure_us=5_000.0),
@@ -136,12 +146,12 @@ class Condition:
     """One row of a table. Decoys and the suite wild have no distance and no angle: each stands somewhere."""
 
     suite: Suite
-    case: str  # a key of VARIATIONS, one of DECOYS, or a key of WILD
-    distance_m: float | None
-    angle_deg: float | None  # between the panel's normal and the line of sight, about the vertical axis
-    exposure_us: float
-    transfer: Transfer | Literal["any"]  # any: drawn for each camera
-    any_roll: bool  # False: within ±3°, as hung by hand
+    case: str = PLAIN  # a key of VARIATIONS, one of DECOYS, or a key of WILD
+    distance_m: float | None = None
+    angle_deg: float | None = None  # between the panel's normal and the line of sight, about the vertical axis
+    exposure_us: float = 10_000.0
+    transfer: Transfer | Literal["any"] = "srgb"  # any: drawn for each camera
+    any_roll: bool = True  # False: within ±3°, as hung by hand
 
     @property
     def name(self) -> str:
@@ -156,7 +166,7 @@ class Condition:
         return (DECOY_VARIATIONS if self.suite == "decoys" else VARIATIONS).get(self.case, VARIATIONS[PLAIN])
 
     def panels_of(self, panels: PanelSettings) -> PanelSettings:
-        """Returns what whoever reads this is told of the panels. Of decoys every ID exists: each false one counts."""
+        """The panels as their reader is told of them. Of decoys every ID exists: each false one counts."""
         if self.suite == "decoys":
             return panels.model_copy(update={"ids": tuple(range(len(load_dictionary(panels.dictionary).codewords)))})
         return panels.model_copy(update={"search_frequencies": True}) if self.variation.search_frequencies else panels
@@ -176,50 +186,19 @@ def suite_conditions(
     A case that has its own exposure comes once for each of the run's. The suite wild draws all of these itself.
     """
     if suite == "wild":
-        yield from (_wild(case) for case in WILD)
+        for case, row in WILD.items():
+            yield Condition(suite=suite, case=case, exposure_us=row.exposure_us, transfer="any")
         return
-    for transfer in transfers:
-        for exposure_us in exposures_us or EXPOSURES_US[suite]:
-            common = Condition(
-                suite=suite,
-                case=PLAIN,
-                distance_m=None,
-                angle_deg=None,
-                exposure_us=exposure_us,
-                transfer=transfer,
-                any_roll=any_roll,
-            )
-            if suite == "decoys":
-                yield from (replace(common, case=kind, any_roll=True) for kind in DECOYS)
-                continue
-            for case in VARIATIONS if suite == "robustness" else (PLAIN,):
-                own_us = VARIATIONS[case].exposure_us or exposure_us
-                for distance_m, angle_deg in _places(suite, distances_m, angles_deg):
-                    yield replace(common, case=case, distance_m=distance_m, angle_deg=angle_deg, exposure_us=own_us)
-
-
-def _wild(case: str) -> Condition:
-    return Condition(
-        suite="wild",
-        case=case,
-        distance_m=None,
-        angle_deg=None,
-        exposure_us=WILD[case].exposure_us,
-        transfer="any",
-        any_roll=True,
-    )
-
-
-def _places(suite: Suite, distances_m: Sequence[float], angles_deg: Sequence[float]) -> Iterator[tuple[float, float]]:
-    """(distance, angle) of each; none twice."""
+    places = PLACES[suite]
     if distances_m or angles_deg:
-        default_m = ROBUSTNESS_DISTANCES_M if suite == "robustness" else (PAPER_ANGLES_AT_M,)
-        yield from ((d, a) for d in distances_m or default_m for a in angles_deg or (0.0,))
-    elif suite == "robustness":
-        yield from ((d, 0.0) for d in ROBUSTNESS_DISTANCES_M)
-    elif suite == "paper":
-        yield from ((d, 0.0) for d in PAPER_DISTANCES_M)
-        yield from ((PAPER_ANGLES_AT_M, a) for a in PAPER_ANGLES_DEG if a)
-    else:
-        yield from ((d, 0.0) for d in BEYOND_DISTANCES_M)
-        yield from ((PAPER_ANGLES_AT_M, a) for a in BEYOND_ANGLES_DEG)
+        own_m = ROBUSTNESS_DISTANCES_M if suite == "robustness" else (PAPER_ANGLES_AT_M,)
+        places = tuple(itertools.product(distances_m or own_m, angles_deg or (0.0,)))
+    for transfer, exposure_us in itertools.product(transfers, exposures_us or EXPOSURES_US[suite]):
+        if suite == "decoys":
+            common = Condition(suite=suite, exposure_us=exposure_us, transfer=transfer)
+            yield from (replace(common, case=kind) for kind in DECOYS)
+            continue
+        for case in VARIATIONS if suite == "robustness" else (PLAIN,):
+            own_us = VARIATIONS[case].exposure_us or exposure_us
+            common = Condition(suite=suite, case=case, exposure_us=own_us, transfer=transfer, any_roll=any_roll)
+            yield from (replace(common, distance_m=distance_m, angle_deg=angle_deg) for distance_m, angle_deg in places)

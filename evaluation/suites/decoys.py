@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from evaluation.suites.placing import Placer, turned_from_sight
+from evaluation.suites.placing import Placer, as_room_is, turned_from_sight
 from ledpi.camera.simulate.scene import Light, Panel, SimulatedSensor, SquareWave
 from ledpi.camera.simulate.trajectory import Still
 from ledpi.config.panels import PanelSettings
@@ -36,58 +37,46 @@ def decoys(kind: str, sensor: SimulatedSensor, panels: PanelSettings, rng: np.ra
     placer = Placer(sensor, rng)
     count = int(rng.integers(THINGS[0], THINGS[1] + 1))
     if kind in _LIGHTS:
-        lights = [_LIGHTS[kind](placer, rng) for _ in range(count)]
-        return Decoys(lights=tuple(light for light in lights if light is not None))
+        return Decoys(lights=as_room_is(count, lambda: _LIGHTS[kind](placer, rng)))
     if kind == "dead":
-        lit = [_lit_for_good(placer, panels, rng) for _ in range(count // 2)]
-        dark = [_panel(np.zeros(0, bool), placer, panels, rng) for _ in range(count - count // 2)]
-        return Decoys(
-            panels=tuple(p for p in dark if p is not None), lights=tuple(light for light in lit if light is not None)
-        )
+        lit = as_room_is(count // 2, lambda: _lit_for_good(placer, panels, rng))
+        dark = as_room_is(count - count // 2, lambda: _panel(np.zeros(0, bool), placer, panels, rng))
+        return Decoys(panels=dark, lights=lit)
     dictionary = load_dictionary(panels.dictionary)
-    shown = [_panel(_PATTERNS[kind](dictionary, panels.phase, rng), placer, panels, rng) for _ in range(count)]
-    found = [panel for panel in shown if panel is not None]
-    return Decoys(panels=tuple(_part_of(panel, rng) for panel in found) if kind == "parts" else tuple(found))
+    shown = as_room_is(count, lambda: _panel(_PATTERNS[kind](dictionary, panels.phase, rng), placer, panels, rng))
+    return Decoys(panels=tuple(_part_of(panel, rng) for panel in shown) if kind == "parts" else shown)
 
 
-def lamp(placer: Placer, rng: np.random.Generator) -> Light | None:
-    """A steady disc or rectangle, a third of them too bright."""
+def lamp(placer: Placer, rng: np.random.Generator) -> Light:
+    """A steady disc or rectangle, a third of them too bright. Raises NoRoomError."""
     shape: Literal["disc", "rectangle"] = "disc" if rng.random() < 0.5 else "rectangle"
     aspect = float(rng.choice((1.0, rng.uniform(0.2, 1.0))))
     level = float(rng.uniform(0.15, 1.4))
     return _light(placer, rng, Light(shape=shape, width_m=1.0, height_m=aspect, motion=Still(), level=level))
 
 
-def _window(placer: Placer, rng: np.random.Generator) -> Light | None:
+def _window(placer: Placer, rng: np.random.Generator) -> Light:
     aspect, level = float(rng.uniform(0.5, 2.0)), float(rng.uniform(0.3, 1.2))
     return _light(placer, rng, Light(shape="rectangle", width_m=1.0, height_m=aspect, motion=Still(), level=level))
 
 
-def _window_grid(placer: Placer, rng: np.random.Generator) -> Light | None:
+def _window_grid(placer: Placer, rng: np.random.Generator) -> Light:
     """Half of them square, 4 × 4: what a panel looks like to whoever sees no bands."""
     panes = (4, 4) if rng.random() < 0.5 else (int(rng.integers(2, 7)), int(rng.integers(2, 7)))
-    grid = Light(
-        shape="lattice",
-        width_m=1.0,
-        height_m=panes[1] / panes[0],
-        motion=Still(),
-        level=float(rng.uniform(0.2, 0.9)),
-        panes=panes,
-        bar=float(rng.uniform(0.04, 0.2)),
-    )
+    level, bar = float(rng.uniform(0.2, 0.9)), float(rng.uniform(0.04, 0.2))
+    high = panes[1] / panes[0]
+    grid = Light(shape="lattice", width_m=1.0, height_m=high, motion=Still(), level=level, panes=panes, bar=bar)
     return _light(placer, rng, grid)
 
 
-def _pwm_light(placer: Placer, rng: np.random.Generator) -> Light | None:
+def _pwm_light(placer: Placer, rng: np.random.Generator) -> Light:
     light = (lamp, _window, _window_grid)[int(rng.integers(3))](placer, rng)
-    if light is None:
-        return None
     hz = math.exp(rng.uniform(math.log(100.0), math.log(20_000.0)))
     wave = SquareWave(frequency_hz=hz, duty=float(rng.uniform(0.1, 0.9)))
     return replace(light, wave=wave, level=0.6 * light.level)
 
 
-_LIGHTS: dict[str, Callable[[Placer, np.random.Generator], Light | None]] = {
+_LIGHTS: dict[str, Callable[[Placer, np.random.Generator], Light]] = {
     "lamps": lamp,
     "windows": _window,
     "window_grids": _window_grid,
@@ -95,29 +84,22 @@ _LIGHTS: dict[str, Callable[[Placer, np.random.Generator], Light | None]] = {
 }
 
 
-def _light(placer: Placer, rng: np.random.Generator, shape: Light) -> Light | None:
+def _light(placer: Placer, rng: np.random.Generator, shape: Light) -> Light:
     """`shape`, whose width is 1, at some size and place; it faces the camera within 50°."""
     size_m = float(np.exp(rng.uniform(math.log(0.05), math.log(1.0))))
     pose = _pose(size_m * max(1.0, shape.height_m), placer, rng)
-    if pose is None:
-        return None
     return replace(shape, width_m=size_m, height_m=size_m * shape.height_m, motion=Still(pose))
 
 
-def _pose(size_m: float, placer: Placer, rng: np.random.Generator) -> Floats | None:
+def _pose(size_m: float, placer: Placer, rng: np.random.Generator) -> Floats:
     """Somewhere in the picture, of a size in SIZE_PX."""
-    size_px = math.exp(rng.uniform(math.log(SIZE_PX[0]), math.log(SIZE_PX[1])))
-    position = placer.place(size_m, size_px)
-    if position is None:
-        return None
+    position = placer.place(size_m, math.exp(rng.uniform(math.log(SIZE_PX[0]), math.log(SIZE_PX[1]))))
     return turned_from_sight(position, float(rng.uniform(-50.0, 50.0)), float(rng.uniform(-180.0, 180.0)))
 
 
-def _panel(codeword: Bits, placer: Placer, panels: PanelSettings, rng: np.random.Generator) -> Panel | None:
+def _panel(codeword: Bits, placer: Placer, panels: PanelSettings, rng: np.random.Generator) -> Panel:
     """A panel that shows `codeword`; an empty codeword is a panel that is switched off."""
     pose = _pose(panels.side_m, placer, rng)
-    if pose is None:
-        return None
     n = load_dictionary(panels.dictionary).cells_per_side
     level = float(rng.uniform(0.15, 0.45))
     return Panel(
@@ -130,14 +112,11 @@ def _panel(codeword: Bits, placer: Placer, panels: PanelSettings, rng: np.random
     )
 
 
-def _lit_for_good(placer: Placer, panels: PanelSettings, rng: np.random.Generator) -> Light | None:
+def _lit_for_good(placer: Placer, panels: PanelSettings, rng: np.random.Generator) -> Light:
     """A panel whose LEDs do not blink."""
-    pose = _pose(panels.side_m, placer, rng)
-    if pose is None:
-        return None
+    pose, side = _pose(panels.side_m, placer, rng), panels.side_m
     n = load_dictionary(panels.dictionary).cells_per_side
     level = float(rng.uniform(0.2, 0.9))
-    side = panels.side_m
     return Light(shape="lattice", width_m=side, height_m=side, motion=Still(pose), level=level, panes=(n, n), bar=0.06)
 
 
@@ -154,11 +133,6 @@ def _near_codeword(dictionary: Dictionary, phase: Phase, rng: np.random.Generato
         codeword.ravel()[changed] ^= True
         if _distance(codeword, dictionary, phase) >= off:
             return np.asarray(codeword)
-
-
-def _one_to_spare(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) -> Bits:
-    """A near-codeword that still is none when one of its cells cannot be seen."""
-    return _near_codeword(dictionary, phase, rng, OFF + 1)
 
 
 def _mirrored(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) -> Bits:
@@ -197,5 +171,5 @@ _PATTERNS: dict[str, Callable[[Dictionary, Phase, np.random.Generator], Bits]] =
     "mirrored": _mirrored,
     "parts": _codeword,
     "hidden_strip": _near_codeword,
-    "dead_cell": _one_to_spare,
+    "dead_cell": partial(_near_codeword, off=OFF + 1),  # none still when one of its cells cannot be seen
 }

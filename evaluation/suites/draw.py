@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.simulated import BuiltAppearance, Ripple
+from evaluation.simulated import BuiltAppearance
 from evaluation.suites.conditions import Condition, Variation
 from evaluation.suites.decoys import decoys
 from evaluation.suites.placing import place_in_view
@@ -58,12 +58,13 @@ def draw_take(
         level=float(place.uniform(*variation.room_level)),
         distance_m=max(4.0, (condition.distance_m or 0.0) + 1.5),
         texture=int(place.integers(2**31)),
-        ripple=_ripple(variation),
+        ripple=variation.room_ripple,
     )
     peak = float(place.uniform(*variation.peak_level))
     if condition.suite == "decoys":
         found = decoys(condition.case, sensor, panels, place)
-        shown = tuple(_add_faults(panel, variation, extra) for panel in found.panels)
+        dead = variation.dead_cells
+        shown = tuple(replace(each, cell_gains=_kill_cells(each.cell_gains, dead, extra)) for each in found.panels)
         lights = (*found.lights, *occluders(variation, shown, extra))
         scene = Scene(sensor=sensor, room=room, panels=shown, lights=lights)
     else:
@@ -77,7 +78,7 @@ def draw_take(
                 *occluders(variation, shown, extra),
                 *touching(variation, shown, extra),
                 *frames(variation, shown, extra),
-                *lamps_beside(variation, shown, sensor, _ripple(variation), extra),
+                *lamps_beside(variation, shown, sensor, extra),
             ),
             camera_motion=_camera_motion(variation, sensor, extra),
         )
@@ -185,14 +186,10 @@ def _appearance(variation: Variation) -> BuiltAppearance:
     return replace(appearance, bezel=0.0) if without else appearance
 
 
-def _kill_cells(gains: Floats, dead: int, extra: np.random.Generator) -> Floats:
+def _kill_cells(gains: Floats | None, dead: int, extra: np.random.Generator) -> Floats:
+    assert gains is not None, "each panel that is drawn has gains of its own"
     gains.ravel()[extra.permutation(gains.size)[:dead]] = 0.0
     return gains
-
-
-def _add_faults(decoy: Panel, variation: Variation, extra: np.random.Generator) -> Panel:
-    gains = np.ones(decoy.codeword.shape) if decoy.cell_gains is None else decoy.cell_gains.copy()
-    return replace(decoy, cell_gains=_kill_cells(gains, variation.dead_cells, extra))
 
 
 def brightness_of(peak_level: float, spec: PanelSpec, sensor: SimulatedSensor) -> float:
@@ -219,10 +216,3 @@ def _camera_motion(variation: Variation, sensor: SimulatedSensor, extra: np.rand
         angular_velocity_rad_s=np.array([0.0, turn, 0.0]),
         start_s=middle_s,
     )
-
-
-def _ripple(variation: Variation) -> Ripple | None:
-    if variation.room_ripple is None:
-        return None
-    frequency_hz, depth = variation.room_ripple
-    return Ripple(frequency_hz=frequency_hz, depth=depth)

@@ -52,13 +52,13 @@ def read_with_oracle(views: Views, lens: Intrinsics | None, dictionary: str, spe
 def oracle_reads(views: Views, lens: Intrinsics | None, dictionary: str, spec: PanelSpec) -> list[Read]:
     """`read_with_oracle` in the form of any other method's readings, the time shared out over the frames."""
     start = time.perf_counter()
-    read = read_with_oracle(views, lens, dictionary, spec)
+    ids = read_with_oracle(views, lens, dictionary, spec)
     milliseconds = 1e3 * (time.perf_counter() - start) / len(views)
-    found = [
-        () if marker_id is None else (Found(id=marker_id, corners_px=corners_px, pose=None),)
-        for marker_id, (_, corners_px) in zip(read, views, strict=True)
-    ]
-    return [Read(found=each, dropped=(), milliseconds=milliseconds) for each in found]
+    read = []
+    for marker_id, (_, corners_px) in zip(ids, views, strict=True):
+        found = () if marker_id is None else (Found(id=marker_id, corners_px=corners_px, pose=None),)
+        read.append(Read(found=found, dropped=(), milliseconds=milliseconds))
+    return read
 
 
 @lru_cache(maxsize=8)

@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import TypeVar
 
 import numpy as np
 
 from ledpi.camera.simulate.optics import project
 from ledpi.camera.simulate.scene import SimulatedSensor
 from ledpi.camera.simulate.trajectory import facing_camera
+from ledpi.camera.simulate.truth import panel_corners_m
 from ledpi.core.lens import undistort
 from ledpi.core.records import Floats
 
 MARGIN_PX = 16.0  # between a panel's corner and the picture's edge
 _TRIES = 30
+Thing = TypeVar("Thing")
+
+
+class NoRoomError(Exception):
+    """No free place was found."""
+
+
+def as_room_is(count: int, make: Callable[[], Thing]) -> tuple[Thing, ...]:
+    """So many things, but for those that find no room."""
+    made = []
+    for _ in range(count):
+        with suppress(NoRoomError):
+            made.append(make())
+    return tuple(made)
 
 
 def turned_from_sight(position_m: Floats, angle_deg: float, roll_deg: float) -> Floats:
@@ -50,9 +67,7 @@ def place_in_view(
 
 
 def _is_in_view(pose: Floats, side_m: float, sensor: SimulatedSensor) -> bool:
-    half = side_m / 2.0
-    corners = half * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
-    pixels = project(corners, pose, sensor.intrinsics)
+    pixels = project(panel_corners_m(side_m), pose, sensor.intrinsics)
     far = np.array([sensor.intrinsics.width, sensor.intrinsics.height]) - 1.0 - MARGIN_PX
     return bool(np.all(pixels >= MARGIN_PX) and np.all(pixels <= far))
 
@@ -71,8 +86,8 @@ class Placer:
         centre = project(position_m[None], np.eye(4), lens)[0]
         self._taken.append((centre, _radius_px(size_m * lens.fx / float(position_m[2]))))
 
-    def place(self, size_m: float, size_px: float) -> Floats | None:
-        """(3,) where a thing of that size has room, and is so large in the picture; None where none was found."""
+    def place(self, size_m: float, size_px: float) -> Floats:
+        """(3,) m where a thing of that size has room, and is so large in the picture. Raises NoRoomError."""
         lens = self._sensor.intrinsics
         radius = _radius_px(size_px)
         inset = 0.8 * min(radius, lens.height / 2.5)  # a few are cut by the picture's edge
@@ -81,7 +96,7 @@ class Placer:
             if all(np.hypot(*(centre - other)) > radius + taken for other, taken in self._taken):
                 self._taken.append((centre, radius))
                 return np.asarray(size_m * lens.fx / size_px * np.append(undistort(centre[None], lens)[0], 1.0))
-        return None
+        raise NoRoomError
 
 
 def _radius_px(size_px: float) -> float:

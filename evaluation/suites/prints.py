@@ -43,19 +43,17 @@ def printed_scene(scene: Scene, family: Family, dictionary: str, paper_level: fl
     The outer edge of a print's black border is where the edge of the panel's lit grid is, its paper as bright as the
     panel's bright bands: at short exposures that is far brighter than a room would light it.
     """
-    prints = []
-    for panel in scene.panels:
-        assert panel.marker_id is not None
-        modules = printed_modules(family, dictionary, panel.marker_id)
-        prints.append(
-            Print(
-                modules=modules,
-                width_m=panel.spec.side_m,
-                motion=panel.motion,
-                white=paper_level,
-                black=INK * paper_level,
-            )
+    prints = [
+        Print(
+            modules=printed_modules(family, dictionary, panel.marker_id),
+            width_m=panel.spec.side_m,
+            motion=panel.motion,
+            white=paper_level,
+            black=INK * paper_level,
         )
+        for panel in scene.panels
+        if panel.marker_id is not None
+    ]
     return replace(scene, panels=(), prints=(*scene.prints, *prints))
 
 
@@ -89,13 +87,10 @@ class PrintReader:
         self._intrinsics = intrinsics
 
     def read(self, frame: Frame) -> Read:
-        """Returns what is found in the next frame, and how long that took."""
+        """The markers in the next frame, and how long that took."""
         start = time.perf_counter()
-        found = [
-            Found(id=marker_id, corners_px=corners, pose=self._pose(corners))
-            for marker_id, corners in self._detect(frame)
-        ]
-        return Read(found=tuple(found), dropped=(), milliseconds=1e3 * (time.perf_counter() - start))
+        found = tuple(Found(id=i, corners_px=corners, pose=self._pose(corners)) for i, corners in self._detect(frame))
+        return Read(found=found, dropped=(), milliseconds=1e3 * (time.perf_counter() - start))
 
     def _pose(self, corners_px: Floats) -> Pose | None:
         solved = solve_square(corners_px, independent(_CORNER_SIGMA_PX), self._side_m, self._intrinsics)
@@ -111,10 +106,8 @@ def aruco_reader(dictionary: str, side_m: float, intrinsics: Intrinsics) -> Prin
 
     def detect(frame: Frame) -> list[tuple[int, Floats]]:
         corners, ids, _ = detector.detectMarkers(frame.pixels)
-        if ids is None:
-            return []
-        quads = [np.asarray(quad, np.float64).reshape(4, 2) for quad in corners]
-        return list(zip((int(i) for i in np.ravel(ids)), quads, strict=True))
+        every = [] if ids is None else np.ravel(ids).tolist()
+        return [(i, np.asarray(quad, np.float64).reshape(4, 2)) for i, quad in zip(every, corners, strict=True)]
 
     return PrintReader(detect, side_m, intrinsics)
 
@@ -142,8 +135,5 @@ def _apriltag_detector() -> Any:
 
 
 def _reorder_corners(corners: Floats) -> Floats:
-    """AprilTag's corners as OpenCV draws the same tag, from the top left clockwise, pixel centres at integers.
-
-    Its own order is top right, top left, bottom left, bottom right, and its pixel centres are at halves.
-    """
+    """AprilTag's corners, from the top right anticlockwise and with pixel centres at halves, as OpenCV has them."""
     return np.asarray(corners[[1, 0, 3, 2]] - 0.5, np.float64)

@@ -12,7 +12,7 @@ from typing import Any
 
 import cv2
 
-from evaluation.suites.conditions import Condition, Method
+from evaluation.suites.conditions import PRINTED, Condition, Method
 from evaluation.suites.draw import Take, draw_take
 from evaluation.suites.oracle import oracle_reads
 from evaluation.suites.prints import WHITEST_PAPER, Family, apriltag_reader, aruco_reader, printed_id, printed_scene
@@ -85,9 +85,12 @@ def run_unit(unit: Unit) -> dict[str, Any]:
         for tally in rows.values():
             tally.trials += max(1, len(take.scene.panels) if unit.condition.suite != "decoys" else 1)
         _read_panels(take, number, unit, rows)
-        for family in ("aruco", "apriltag"):
+        for family in PRINTED:
             if family in unit.methods:
-                _read_prints(take, number, unit, family, rows[family])
+                (read,) = _read_prints(take, unit, family, take.peak_level)
+                truths = [Expected.from_truth(truth) for truth in scene_truth(take.scene, 0)]
+                expected = [replace(e, id=printed_id(family, unit.panels.dictionary, e.id)) for e in truths]
+                rows[family].add(read, expected, f"take {number}, frame 0")
     return {"unit": unit.key, "rows": {row: tally.as_json() for row, tally in rows.items()}}
 
 
@@ -110,15 +113,12 @@ def _read_panels(take: Take, number: int, unit: Unit, rows: dict[Row, Tally]) ->
                         rows[row].add(read, expected, f"take {number}, frame {frame.seq}")
 
 
-def _read_prints(take: Take, number: int, unit: Unit, family: Family, tally: Tally) -> None:
-    """One frame, with prints in the panels' place."""
-    dictionary = unit.panels.dictionary
-    lens, side_m = take.scene.sensor.intrinsics, unit.panels.side_m
+def _read_prints(take: Take, unit: Unit, family: Family, paper_level: float, frames: int = 1) -> list[Read]:
+    """The first frames, with prints in the panels' place."""
+    dictionary, lens, side_m = unit.panels.dictionary, take.scene.sensor.intrinsics, unit.panels.side_m
     reader = aruco_reader(dictionary, side_m, lens) if family == "aruco" else apriltag_reader(side_m, lens)
-    for frame in photographed(take, printed_scene(take.scene, family, dictionary, take.peak_level), 1):
-        expected = [Expected.from_truth(truth) for truth in scene_truth(take.scene, frame.seq)]
-        expected = [replace(e, id=printed_id(family, dictionary, e.id)) for e in expected]
-        tally.add(reader.read(frame), expected, f"take {number}, frame {frame.seq}")
+    scene = printed_scene(take.scene, family, dictionary, paper_level)
+    return [reader.read(frame) for frame in photographed(take, scene, frames)]
 
 
 def _read_wild(number: int, unit: Unit, rows: dict[Row, Tally]) -> None:
@@ -136,9 +136,7 @@ def _read_wild(number: int, unit: Unit, rows: dict[Row, Tally]) -> None:
         spec = unit.panels.spec(panel.marker_id)
         reads["oracle"] = oracle_reads(views, sensor.intrinsics, unit.panels.dictionary, spec)
     if "aruco" in unit.methods:
-        scene = printed_scene(take.scene, "aruco", unit.panels.dictionary, min(take.peak_level, WHITEST_PAPER))
-        prints = aruco_reader(unit.panels.dictionary, unit.panels.side_m, sensor.intrinsics)
-        reads["aruco"] = [prints.read(frame) for frame in photographed(take, scene, asked.judged.stop)]
+        reads["aruco"] = _read_prints(take, unit, "aruco", min(take.peak_level, WHITEST_PAPER), len(frames))
     for row, tally in rows.items():
         tally.trials += 1
         for seq in asked.judged:

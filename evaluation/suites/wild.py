@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import replace
 
 import numpy as np
 
 from evaluation.simulated import BuiltAppearance, GlossyFloor
 from evaluation.suites.draw import Take, brightness_of, drawable_ids
 from evaluation.suites.placing import place_in_view
-from evaluation.suites.surroundings import rectangle
+from evaluation.suites.surroundings import BEFORE, page_behind, rectangle
 from evaluation.suites.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
 from ledpi.camera.simulate.scene import Light, Panel, Print, Room, Scene, SimulatedSensor
 from ledpi.camera.simulate.scenes import whole_rows_us
 from ledpi.camera.simulate.trajectory import Still
+from ledpi.camera.simulate.truth import panel_corners_m
 from ledpi.config.panels import PanelSettings
 from ledpi.core.dictionaries import load_dictionary
-from ledpi.core.records import Floats, Intrinsics, PanelSpec
+from ledpi.core.records import Floats, Intrinsics
 
-PAGE_SIDES, PAGE_INK = 2.5, 0.35  # its width in sides of the panel, the share of its spots that are dark
+PAGE_SIDES = 2.5  # its width in sides of the panel
 CRYSTAL_PPM = 100.0  # that an oscillator may be off by
 FAULTY = 1 / 16  # of the panels have a dead cell; of as many, something hides a strip
 
@@ -78,44 +80,28 @@ def _panel(
     drawable = drawable_ids(panels)
     marker_id = drawable[int(values["id"] * len(drawable))]
     spec = panels.spec(marker_id)
+    (near, far), (low, high) = WILD[row].distance_m, WILD[row].yaw_deg
     (pose,) = place_in_view(
         [(0.0, spec.side_m, values["roll_deg"])],
-        _draw_between(*WILD[row].distance_m, values["distance"]),
-        _yaw_deg(row, values["yaw"]),
+        float(near * (far / near) ** values["distance"]),  # each doubling as frequent
+        float(np.copysign(low + abs(values["yaw"]) * (high - low), values["yaw"])),
         np.array([values["place_x"], values["place_y"]]),
         sensor,
     )
-    return Panel(
-        codeword=dictionary.codeword(marker_id),
-        spec=_apply_tolerances(spec, rng),
-        motion=Still(pose),
-        marker_id=marker_id,
-        brightness=brightness_of(values["peak_level"], spec, sensor),
-        cell_gains=_gains(values, dictionary.cells_per_side, rng),
-        appearance=_appearance(values),
-    )
-
-
-def _draw_between(low: float, high: float, share: float) -> float:
-    """Each doubling as frequent."""
-    return float(low * (high / low) ** share)
-
-
-def _yaw_deg(row: str, share: float) -> float:
-    low, high = WILD[row].yaw_deg
-    return float(np.copysign(low + abs(share) * (high - low), share))
-
-
-def _apply_tolerances(spec: PanelSpec, rng: np.random.Generator) -> PanelSpec:
     off = 1.0 + 1e-6 * CRYSTAL_PPM * rng.uniform(-1.0, 1.0, len(spec.waves_hz))
-    return spec.retune([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=True)])
-
-
-def _gains(values: dict[str, float], n: int, rng: np.random.Generator) -> Floats:
+    n = dictionary.cells_per_side
     gains = 1.0 + values["gain"] * rng.uniform(-1.0, 1.0, (n, n))
     if values["fault"] < FAULTY:
         gains.flat[rng.integers(n * n)] = 0.0
-    return gains
+    return Panel(
+        codeword=dictionary.codeword(marker_id),
+        spec=spec.retune([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=True)]),
+        motion=Still(pose),
+        marker_id=marker_id,
+        brightness=brightness_of(values["peak_level"], spec, sensor),
+        cell_gains=gains,
+        appearance=_appearance(values),
+    )
 
 
 def _appearance(values: dict[str, float]) -> BuiltAppearance:
@@ -139,18 +125,9 @@ def _page(values: dict[str, float], panel: Panel, rng: np.random.Generator) -> t
     """Spots of any level about the room's, close behind the panel: letters, tiles, bricks, leaves."""
     if values["page"] <= 0:
         return ()
-    pose = panel.motion.scene_from_body(0.0).copy()
-    pose[:3, 3] *= 1.004  # behind a bright frame, too
-    spots = round(PAGE_SIDES * values["page_spots"])
-    return (
-        Print(
-            modules=rng.random((spots, spots)) > PAGE_INK,
-            width_m=PAGE_SIDES * panel.spec.side_m,
-            motion=Still(pose),
-            white=values["room_level"] * (1.0 + values["page"]),
-            black=values["room_level"] * (1.0 - values["page"]),
-        ),
-    )
+    spots, (room, contrast) = round(PAGE_SIDES * values["page_spots"]), (values["room_level"], values["page"])
+    page = page_behind(panel, spots, PAGE_SIDES, rng, depth=1.004)  # behind a bright frame, too
+    return (replace(page, white=room * (1.0 + contrast), black=room * (1.0 - contrast)),)
 
 
 def _frame(values: dict[str, float], panel: Panel) -> tuple[Light, ...]:
@@ -169,14 +146,12 @@ def _hiding(values: dict[str, float], panel: Panel, rng: np.random.Generator) ->
     side_m = panel.spec.side_m
     turn = float(rng.integers(4)) * np.pi / 2.0
     size_m = (1.4 * side_m, 2.0 * values["hidden"] * side_m)
-    return (rectangle(panel, turn, (0.0, 0.5 * side_m), size_m, depth=0.8, level=values["hidden_level"]),)
+    return (rectangle(panel, turn, (0.0, 0.5 * side_m), size_m, depth=BEFORE, level=values["hidden_level"]),)
 
 
 def _floor(values: dict[str, float], pose: Floats, side_m: float) -> GlossyFloor | None:
     """Below the panel's lowest corner, and below the camera."""
     if values["floor"] <= 0:
         return None
-    half = side_m / 2.0
-    corners_m = half * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
-    lowest_m = float((corners_m @ pose[1, :3]).max() + pose[1, 3])
+    lowest_m = float((panel_corners_m(side_m) @ pose[1, :3]).max() + pose[1, 3])
     return GlossyFloor(y_m=max(lowest_m + values["floor_below"] * side_m, 0.05), reflectance=values["floor"])

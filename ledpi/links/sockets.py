@@ -62,14 +62,24 @@ def lost(where: str, error: OSError) -> TargetLostError:
     return TargetLostError(f"{where}: {hints.get(error.errno or 0, said)}")
 
 
-class UdpTarget(BytesTarget):
-    """An address that may or may not listen."""
+class SocketTarget(BytesTarget):
+    """An address, and the socket that leads there once it is open."""
+
+    _socket: socket.socket | None = None
 
     def __init__(self, settings: OutputSettings) -> None:
-        self._host, self._port = settings.address
         super().__init__(settings)
-        self._socket: socket.socket | None = None
-        self._address: tuple[object, ...] = ()
+        self._host, self._port = settings.address
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+
+class UdpTarget(SocketTarget):
+    """An address that may or may not listen."""
+
+    _address: tuple[object, ...] = ()
 
     def open(self) -> None:
         try:
@@ -90,10 +100,6 @@ class UdpTarget(BytesTarget):
     def tick(self) -> None:
         """Nothing: there is no connection."""
 
-    def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-
     def _write(self, data: bytes) -> bool:
         assert self._socket is not None
         try:
@@ -104,19 +110,18 @@ class UdpTarget(BytesTarget):
             raise BridgeError(str(lost(self._host, error))) from None
 
 
-class TcpTarget(BytesTarget):
+class TcpTarget(SocketTarget):
     """One server. What it sends is read and thrown away."""
 
+    _rest = b""  # of a frame that was begun: its end must follow
+
     def __init__(self, settings: OutputSettings) -> None:
-        self._address = settings.address
-        self._where = "{}:{}".format(*settings.address)
         super().__init__(settings)
-        self._socket: socket.socket | None = None
-        self._rest = b""  # of a frame that was begun: its end must follow
+        self._where = f"{self._host}:{self._port}"
 
     def open(self) -> None:
         try:
-            self._socket = socket.create_connection(self._address, CONNECT_S)
+            self._socket = socket.create_connection((self._host, self._port), CONNECT_S)
             keep_nothing_old(self._socket)
             self._socket.setblocking(False)
         except OSError as error:
@@ -135,10 +140,6 @@ class TcpTarget(BytesTarget):
         except OSError as error:
             raise lost(self._where, error) from None
         raise TargetLostError(f"{self._where}: has closed the connection")
-
-    def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
 
     def _write(self, data: bytes) -> bool:
         """All of it or nothing, but for a part that the kernel had no room for; that follows before anything else."""

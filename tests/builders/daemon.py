@@ -38,7 +38,6 @@ SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 SMALL = ("camera.width=320", "camera.height=240", "camera.frame_duration_us=35000")
 SIMULATED = ("panels.side_m=0.16", "camera.source=simulated", *SMALL)
 SIMULATED_YAML = "camera: {source: simulated, width: 320, height: 240, frame_duration_us: 35000}\n"
-# A process that has a file open, and locked where `lock` locks it, until its standard input ends.
 HOLD = "import fcntl, sys; f = open(sys.argv[1], 'r+'); {lock}; print(flush=True); sys.stdin.read()"
 
 
@@ -106,10 +105,10 @@ class Ended:
 
 
 class OtherCamera:
-    """The simulated camera, but for what a test's own `read` makes of it."""
+    """The simulated camera, or another, but for what a test's own `read` makes of it."""
 
-    def __init__(self, *, paced: bool = True) -> None:
-        self._camera = open_simulated(load_config(None, SIMULATED), paced=paced)
+    def __init__(self, camera: Camera | None = None, *, paced: bool = True) -> None:
+        self._camera = camera or open_simulated(load_config(None, SIMULATED), paced=paced)
 
     @property
     def info(self) -> CameraInfo:
@@ -157,6 +156,17 @@ def end(process: subprocess.Popen[str], signal_number: int | None = None) -> End
         process.send_signal(signal_number)
     _, log = process.communicate(timeout=limit_s())
     return Ended(process.returncode, log.splitlines(), time.monotonic() - started)
+
+
+@contextmanager
+def holder(path: Path, lock: str = "fcntl.lockf(f, fcntl.LOCK_EX)") -> Iterator[int]:
+    """The number of a process that has the file open, and locked where `lock` locks it."""
+    command = [sys.executable, "-c", HOLD.format(lock=lock), str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process.pid
+        process.kill()
 
 
 def wait_for_log(process: subprocess.Popen[str], text: str) -> str:

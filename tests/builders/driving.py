@@ -11,9 +11,10 @@ from ledpi.camera.simulate.scenes import ov5647_lens, still_scene
 from ledpi.camera.simulate.trajectory import Trajectory
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.config.settings import Config
-from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
+from ledpi.core.records import Frame, PanelSpec, Pixels, Rejected
 from ledpi.daemon.observers import close_tap, open_tap
 from ledpi.daemon.tap.server import Tap
+from tests.builders.daemon import OtherCamera
 
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 # Panels 7 and 23 stand 24 cm apart across the way, and 2 m ahead of where it begins: the map's origin.
@@ -25,35 +26,24 @@ panels:
 """
 
 
-class Drive:
+class Drive(OtherCamera):
     """The camera. It sees nothing while it is `dark`."""
 
     def __init__(self, motion: Trajectory) -> None:
         lens = ov5647_lens(320, 240)
         sensor = SimulatedSensor(intrinsics=lens, exposure_us=9966.32, row_time_us=33.67, frame_length_rows=1040)
         scene = still_scene(sensor, dict.fromkeys((7, 23), SPEC), "DICT_4X4_50", distance_m=2.0, angle_deg=0.0)
-        self._camera = SimulatedCamera(replace(scene, camera_motion=motion), seed=1, paced=True)
+        super().__init__(SimulatedCamera(replace(scene, camera_motion=motion), seed=1, paced=True))
         self.began_ns = 0  # of the scene, CLOCK_MONOTONIC
         self.dark = False
 
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
-
-    def read(self, into: Pixels) -> Frame | None:
+    def read(self, into: Pixels) -> Frame | Rejected | None:
         frame = self._camera.read(into)
-        if frame is not None:
+        if isinstance(frame, Frame):
             self.began_ns = frame.host_offset_ns
             if self.dark:
                 into[:] = 0
         return frame
-
-    def close(self) -> None:
-        self._camera.close()
 
 
 @contextmanager

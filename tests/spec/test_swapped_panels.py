@@ -47,13 +47,7 @@ def drawn(case: str, exposure_us: float, seed: int, take: int) -> Swap:
     rng = np.random.default_rng([seed, take])
     distance_m, angle_deg = float(rng.choice([0.6, 1.0, 1.5, 2.5, 4.0])), float(rng.choice([0, 30, -50]))
     condition = Condition(
-        suite="robustness",
-        case=case,
-        distance_m=distance_m,
-        angle_deg=angle_deg,
-        exposure_us=exposure_us,
-        transfer="srgb",
-        any_roll=True,
+        suite="robustness", case=case, distance_m=distance_m, angle_deg=angle_deg, exposure_us=exposure_us
     )
     (panel,) = draw_take(condition, PANELS, seed, take).scene.panels
     pose = panel.motion.scene_from_body(0.0).copy()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import errno
 import glob
 import os
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -26,7 +24,7 @@ from ledpi.daemon.daemon import Daemon
 from ledpi.wire import State
 from ledpi.wire.line import SerialLine
 from ledpi.wire.publisher import Publisher
-from tests.builders.daemon import COMMAND, HOLD, SIMULATED, controller, daemon, end, write_recording
+from tests.builders.daemon import COMMAND, SIMULATED, controller, daemon, end, holder, write_recording
 from tests.builders.wire import decoded_now
 
 REFUSALS = [errno.EIO, errno.EMFILE]
@@ -208,14 +206,10 @@ def test_a_device_that_vanishes_while_its_holder_is_sought_hides_no_other(
     device = tmp_path / "media0"
     device.touch()
     monkeypatch.setattr(glob, "glob", lambda pattern: [str(tmp_path / "media9"), str(device)])
-    command = [sys.executable, "-c", HOLD.format(lock="fcntl.lockf(f, fcntl.LOCK_EX)"), str(device)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
+    with holder(device) as pid:
         said = who_holds(str(tmp_path / "media*"))
-        process.kill()
     assert said is not None
-    assert f"(process {process.pid})" in said
+    assert f"(process {pid})" in said
 
 
 @each_refusal

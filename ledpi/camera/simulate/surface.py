@@ -47,12 +47,9 @@ class Surface:
         steps = (_steps(width / max(columns, 1.0)), _steps(height / max(rows, 1.0)))
         if steps not in self._levels:
             size = (max(1, round(width / 2 ** (steps[0] / 2))), max(1, round(height / 2 ** (steps[1] / 2))))
-            self._levels[steps] = tuple(_averaged(plane, size) for plane in self.planes)
+            smaller = (cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in self.planes)
+            self._levels[steps] = tuple(np.asarray(plane, np.float32) for plane in smaller)
         return self._levels[steps]
-
-
-def _averaged(plane: Image, size: tuple[int, int]) -> Image:
-    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def _steps(ratio: float) -> int:

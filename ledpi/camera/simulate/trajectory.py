@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import cv2
 import numpy as np
@@ -48,11 +48,7 @@ class Still:
     """Stays where it is."""
 
     pose: Floats = field(default_factory=lambda: np.eye(4))  # (4, 4)
-
-    @property
-    def moves(self) -> bool:
-        """As `Trajectory.moves`."""
-        return False
+    moves: ClassVar[bool] = False
 
     def scene_from_body(self, t_s: float) -> Floats:
         """As `Trajectory.scene_from_body`."""
@@ -67,11 +63,7 @@ class Gliding:
     velocity_m_s: Floats  # (3,)
     angular_velocity_rad_s: Floats = field(default_factory=lambda: np.zeros(3))  # (3,)
     start_s: float = 0.0
-
-    @property
-    def moves(self) -> bool:
-        """As `Trajectory.moves`."""
-        return True
+    moves: ClassVar[bool] = True
 
     def scene_from_body(self, t_s: float) -> Floats:
         """As `Trajectory.scene_from_body`."""
@@ -91,11 +83,7 @@ class Shown:
     each_s: float
     rest_s: float
     start_s: float = 0.0
-
-    @property
-    def moves(self) -> bool:
-        """As `Trajectory.moves`."""
-        return True
+    moves: ClassVar[bool] = True
 
     def scene_from_body(self, t_s: float) -> Floats:
         """As `Trajectory.scene_from_body`."""
@@ -118,11 +106,7 @@ class Patrol:
     centre_m: Floats  # (3,)
     swing_m: tuple[float, float]  # half the width in x and in z
     looks_at_m: Floats  # (3,)
-
-    @property
-    def moves(self) -> bool:
-        """As `Trajectory.moves`."""
-        return True
+    moves: ClassVar[bool] = True
 
     def scene_from_body(self, t_s: float) -> Floats:
         """As `Trajectory.scene_from_body`."""

@@ -27,14 +27,18 @@ def pose_seen(scene: Scene, motion: Trajectory) -> PoseAt:
     return lambda t_s: inverse(camera.scene_from_body(t_s)) @ motion.scene_from_body(t_s)
 
 
+def panel_corners_m(side_m: float) -> Floats:
+    """(4, 3) corners in a panel's frame, in the marker's order."""
+    return side_m / 2.0 * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
+
+
 def marker_truth(panel: Panel, pose_at: PoseAt, sensor: SimulatedSensor, seq: int) -> TruthMarker | None:
     """A panel's truth in frame `seq`; None for decoys, panels out of view, and panels that turn their back.
 
     Each corner is where its own row's mid-exposure sees it; the pose is at the mid-exposure of the row of the
     panel's centre. Whether something else stands before the panel is not looked at.
     """
-    half = panel.spec.side_m / 2.0
-    corners_m = half * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
+    corners_m = panel_corners_m(panel.spec.side_m)
     mid_frame = pose_at(sensor.mid_exposure_s(seq, (sensor.intrinsics.height - 1) / 2.0))
     if panel.marker_id is None or not _is_before_camera(corners_m, mid_frame):
         return None

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from ledpi.core.holder import locker_in, who_holds
-from tests.builders.daemon import HOLD
+from tests.builders.daemon import holder
 
 
 @pytest.mark.parametrize("lock", ["fcntl.lockf(f, fcntl.LOCK_EX)", "pass"])
@@ -18,15 +16,11 @@ def test_the_holder_and_how_to_stop_it_are_named(tmp_path: Path, lock: str) -> N
     """A process that has locked the file, as libcamera locks /dev/media*, or that just has it open."""
     device = tmp_path / "media0"
     device.touch()
-    command = [sys.executable, "-c", HOLD.format(lock=lock), str(device)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
+    with holder(device, lock) as pid:
         said = who_holds(str(tmp_path / "media*"))
-        process.kill()
     assert said is not None
     assert said.startswith("held by python")
-    assert f"(process {process.pid}); stop it with: sudo " in said
+    assert f"(process {pid}); stop it with: sudo " in said
 
 
 def test_a_free_device_has_no_holder(tmp_path: Path) -> None:

@@ -10,11 +10,8 @@ from evaluation.accuracy import bound as bench
 from evaluation.suites.conditions import Condition
 from evaluation.suites.keep import write_take
 from ledpi.config.panels import PanelSettings
-from ledpi.workshop.evaluate.table import PLAIN
 
-NEAR = Condition(
-    suite="beyond", case=PLAIN, distance_m=0.8, angle_deg=0.0, exposure_us=10_000.0, transfer="srgb", any_roll=True
-)
+NEAR = Condition(suite="beyond", distance_m=0.8, angle_deg=0.0)
 
 
 @pytest.fixture

@@ -35,15 +35,7 @@ WORDS = load_dictionary("DICT_4X4_50").rotated_codewords()
 def condition(
     suite: Suite = "paper", case: str = "plain", distance_m: float = 1.0, angle_deg: float = 0.0
 ) -> Condition:
-    return Condition(
-        suite=suite,
-        case=case,
-        distance_m=distance_m,
-        angle_deg=angle_deg,
-        exposure_us=10_000.0,
-        transfer="srgb",
-        any_roll=True,
-    )
+    return Condition(suite=suite, case=case, distance_m=distance_m, angle_deg=angle_deg)
 
 
 def take_of(what: Condition, number: int = 0, seed: int = 1) -> Take:

@@ -100,15 +100,7 @@ def test_the_page_shows_tables_plots_and_the_command() -> None:
     assert Path("out/rates-10000us-srgb.png").read_bytes().startswith(b"\x89PNG")
 
 
-PLAIN = Condition(
-    suite="paper",
-    case="plain",
-    distance_m=0.8,
-    angle_deg=0.0,
-    exposure_us=10_000.0,
-    transfer="srgb",
-    any_roll=False,
-)
+PLAIN = Condition(suite="paper", distance_m=0.8, angle_deg=0.0, any_roll=False)
 UNIT = Unit(
     seed=1,
     condition=PLAIN,
