@@ -14,7 +14,7 @@ from ledpi.core.records import CameraInfo, Detection, Floats, Frame, Intrinsics,
 from ledpi.decode.agenda import Agenda, alone
 from ledpi.decode.evidence.cells import Observation, sample_cells
 from ledpi.decode.evidence.light import LightWeigher
-from ledpi.decode.evidence.waves import are_sinusoids
+from ledpi.decode.evidence.waves import FAINT_DEPTH, are_sinusoids, band_depth
 from ledpi.decode.following import MOST_FITS
 from ledpi.decode.history import Identity
 from ledpi.decode.identify import decision
@@ -116,10 +116,13 @@ class LikelihoodPath:
         followed = None if track.picture is None else self._locator.follower.follow(frame, at, track.picture)
         if followed is not None:
             return followed
-        known = track.state.unknown
-        if track.state.velocity_px_s is None or known is None:  # how it moves is known from its second frame on
+        known, is_new = track.state.unknown, track.state.velocity_px_s is None
+        if known is None or (is_new and band_depth(frame, self._specs) > FAINT_DEPTH):  # bands may have hidden an end
             return self._locator.localise(frame, at), None
-        return self._locator.refine(frame, at, known), None
+        found = self._locator.refine(frame, at, known)
+        if isinstance(found, Rejected) and is_new:  # how it moves is not known yet
+            found = self._locator.localise(frame, at)
+        return found, None
 
     def _search(self, frame: Frame, most: int, work: Results, *, is_urgent: bool) -> Iterator[list[Detection]]:
         """The panels that candidates lead to, while less than `most` is spent.

@@ -48,6 +48,18 @@ def ids(decoded: Decoded) -> set[int]:
     return {marker.detection.id for marker in decoded.markers}
 
 
+def test_a_panel_s_second_frame_costs_less_than_half_of_its_first() -> None:
+    """It is not located anew: its corners are refined."""
+    path, costs = stream(), []
+    for seq in range(2):
+        canvas = Canvas()
+        canvas.panel(*FOLLOWED, start_us=1e6 * seq / RATE_HZ)
+        before = path.likelihood.spent
+        path.decode(dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e9 * seq / RATE_HZ)))
+        costs.append(path.likelihood.spent - before)
+    assert costs[1] < costs[0] / 2
+
+
 @pytest.mark.parametrize("budget", [STREAM_BUDGET, MIN_BUDGET])
 def test_a_panel_is_followed_beside_128_squares(budget: int) -> None:
     """It is read in every frame, and none spends a candidate more than it may."""
