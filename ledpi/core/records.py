@@ -1,8 +1,7 @@
 """The records that flow along the path. Frozen, valid once built, arrays read-only.
 
-Pixel centres have integer coordinates. Times are integer nanoseconds of the camera's clock. Frames of reference:
-`camera` is OpenCV's optical frame (x right, y down, z forward); `marker` has its origin at the panel's centre,
-x right, y up, z out of the panel.
+Pixel centres have integer coordinates. Times are integer nanoseconds of the camera's clock. `camera` is OpenCV's
+optical frame (x right, y down, z forward); `marker` is at the panel's centre, x right, y up, z out of the panel.
 """
 
 from __future__ import annotations
@@ -35,6 +34,7 @@ COEFFICIENTS: Mapping[DistortionModel, tuple[str, ...]] = {
 
 # Of a stream: after a longer gap anything may have happened, and all begins anew (the recording format says so).
 MAX_GAP_NS = 500_000_000
+_NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
 
 
 def read_only(array: NDArray[Number]) -> NDArray[Number]:
@@ -179,7 +179,7 @@ class Frame:
 
     def drop_picture(self) -> Frame:
         """Returns what may be kept of it: the picture's room will hold another."""
-        return replace(self, pixels=np.empty((0, 0), np.uint8))
+        return replace(self, pixels=_NO_PICTURE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
