@@ -55,7 +55,7 @@ def publisher_of(
             profile=config.serial.mavlink_profile,
             system=config.serial.mavlink_system,
             resets=resets,
-            tells_state=config.state_hz > 0,
+            tells_state=config.state_hz > 0 and config.odometry.source != "none",  # what drives: others may fly
         )
     if left is None:
         return Publisher(config.serial, mavlink, map_resets=resets.maps, ear=ear)

@@ -33,7 +33,8 @@ class Controller:
         self.clock = ControllerClock()
         self._asked_ns: dict[int, int] = {}  # questions that wait
         self._last: tuple[int | None, ...] = (None,) * 3  # totals in their own units, as said
-        self._totals = [0, 0, 0]  # the same, unwrapped
+        self._known: list[int | None] = [None] * 3  # the same, as each was said last
+        self._totals = [0, 0, 0]  # unwrapped
 
     def note_asked(self, number: int, first_byte_ns: int) -> None:
         """A question's first byte left."""
@@ -77,9 +78,12 @@ class Controller:
         )
 
     def _unwrap(self, said: tuple[int | None, ...], restarted: bool) -> None:
-        for k, (last, now) in enumerate(zip(self._last, said, strict=True)):
-            if last is not None and now is not None and not restarted:
-                self._totals[k] += wrapped32(now - last)
+        """A message that lacks a total loses no way: the next that has it goes on."""
+        for k, now in enumerate(said):
+            known = None if restarted else self._known[k]
+            if known is not None and now is not None:
+                self._totals[k] += wrapped32(now - known)
+            self._known[k] = known if now is None else now
         self._last = said
 
 

@@ -32,7 +32,7 @@ JUMP_RAD, JUMP_RAD_S = math.radians(30.0), 2.0 * math.pi
 # height, and a panel above has no such point at all.
 PX4_STEEPEST_TANGENT = math.tan(math.radians(60.0))
 
-# Of a floor that a robot drives on: it may be a slope, and a storey above the map's origin is another map.
+# A floor that a robot drives on may be a slope; a storey above the map's origin is another map.
 FLOOR_M, FLOOR_RAD = 1.0, math.radians(5.0)
 _PLANE = [0, 1, 5]  # x, y, yaw among x, y, z, roll, pitch, yaw
 
@@ -79,6 +79,7 @@ class Mavlink:
         self._profile = profile
         self._last_fix: tuple[int, Floats, Floats] | None = None  # when in µs, position, rotation
         self._resets = resets or Resets()
+        self._told: tuple[int, int] | None = None  # relocalisations and maps of the state that was told last
 
     def encode(self, message: Message, first_byte_ns: int) -> bytes | None:
         """A whole packet; None where MAVLink, or the autopilot, has no place for this.
@@ -178,7 +179,11 @@ class Mavlink:
     def _odometry(self, state: StateMessage) -> Any:
         """The state in the plane; of height, roll and pitch it knows no more than that the robot stands on a floor."""
         if state.position_m is None or state.t_ns is None:
+            self._told = None  # and where it is next is another beginning
             return None
+        told = state.relocalisations, state.map_resets
+        self._resets.jumps += told != self._told
+        self._told = told
         assert state.yaw_rad is not None
         assert state.velocity is not None
         rotation = NED_FROM_ENU @ matrix_from_rpy_deg(0.0, 0.0, math.degrees(state.yaw_rad)) @ FRD_FROM_FLU
@@ -191,9 +196,9 @@ class Mavlink:
             quaternion_from_matrix(rotation).tolist(),
             *(state.velocity[0], 0.0, 0.0),
             *(0.0, 0.0, -state.velocity[1]),
-            _upper_triangle(_in_space(state), rotation),
+            _upper_triangle(_in_space(state, self._profile), rotation),
             _UNKNOWN,
-            (state.relocalisations + state.map_resets) % 256,
+            self._resets.jumps % 256,
             self._dialect.MAV_ESTIMATOR_TYPE_VISION,
         )
 
@@ -236,13 +241,18 @@ def _upper_triangle(covariance: Floats | None, ned_from_frd: Floats) -> list[flo
     return [float(value) for value in values] if fit else _UNKNOWN
 
 
-def _in_space(state: StateMessage) -> Floats:
-    """(6, 6) of x, y, z and the rotation about them, of a state's in x, y and yaw."""
+def _in_space(state: StateMessage, profile: Profile) -> Floats:
+    """(6, 6) of x, y, z and the rotation about them, of a state's in x, y and yaw.
+
+    ArduPilot makes one deviation of all three axes', and would take the place for as uncertain as the height: to it
+    that is as sure as the place.
+    """
     assert state.deviations is not None
     assert state.correlations is not None
     xy, x_yaw, y_yaw = state.correlations
     linked = np.array([[1.0, xy, x_yaw], [xy, 1.0, y_yaw], [x_yaw, y_yaw, 1.0]])
-    covariance = np.diag([0.0, 0.0, FLOOR_M**2, FLOOR_RAD**2, FLOOR_RAD**2, 0.0])
+    height_m = max(state.deviations[:2]) if profile == "ardupilot" else FLOOR_M
+    covariance = np.diag([0.0, 0.0, height_m**2, FLOOR_RAD**2, FLOOR_RAD**2, 0.0])
     covariance[np.ix_(_PLANE, _PLANE)] = np.outer(state.deviations, state.deviations) * linked
     return covariance
 

@@ -18,6 +18,7 @@ from ledpi.wire.numbers import UNITS_PER_SI, wrapped32
 from ledpi.wire.state_message import TOTAL_MAX, U16, U32, OdometryMessage, TimeAnswer
 
 _FRAMING, _SIGNATURE, _HEAD = 12, 13, 10  # bytes beside what a packet holds; of a signed one; before what it holds
+_LATER = 2  # bytes that newer dialects add to a packet: whom a TIMESYNC is for
 STALE_US = 250_000  # without wheels, or without a rate, which are not known then
 _NOTHING = ReceiverCounters(good=0, lost=0, restarts=0, bad={}, skipped={})
 
@@ -28,7 +29,7 @@ class _Packets:
     def __init__(self, dialect: Any, kinds: Iterable[int]) -> None:
         self._reader, self._error, self._own = dialect.MAVLink(None), dialect.MAVError, own_component(dialect)
         self._most = {kind.to_bytes(3, "little"): dialect.mavlink_map[kind].unpacker.size for kind in kinds}
-        # Of a MAVLink 2 packet: its length, flags, number, system, component, kind.
+        # MAVLink 2: a packet's length, flags, number, system, component, kind.
         self._start = re.compile(rb"\xfd(.)([\0\1]).{4}(" + b"|".join(map(re.escape, self._most)) + b")", re.DOTALL)
         self._waiting = b""
 
@@ -38,7 +39,7 @@ class _Packets:
         while found := self._start.search(data, at):
             at, length = found.start(), found[1][0]
             end = at + _FRAMING + length + _SIGNATURE * found[2][0]
-            if length <= self._most[found[3]] and end > len(data):
+            if length <= self._most[found[3]] + _LATER and end > len(data):
                 self._waiting = data[at:]
                 return whole
             try:
@@ -71,7 +72,10 @@ class TimeQuestions:
 
 
 class AutopilotReceiver:
-    """The messages of a controller (ledpi.wire.codec) that an autopilot's packets stand for."""
+    """The messages of a controller (ledpi.wire.codec) that an autopilot's packets stand for.
+
+    Its stamps are compared modulo 2³² µs: ArduPilot's Rover has its wheels' of 32 bits, which is 71 minutes.
+    """
 
     counters = _NOTHING  # what comes beside these is no mistake
 
@@ -103,7 +107,7 @@ class AutopilotReceiver:
             if not math.isfinite(packet.yawspeed):
                 return []
             self._turn(t_us, -packet.yawspeed)  # its z points down
-            has_wheels = self._wheels_us is not None and 0 <= t_us - self._wheels_us <= STALE_US
+            has_wheels = self._wheels_us is not None and 0 <= wrapped32(t_us - self._wheels_us) <= STALE_US
             return [] if has_wheels else [self._odometry(t_us, (None, None))]
         wheels = packet.distance[:2]
         if packet.count < 2 or not all(map(math.isfinite, wheels)):
@@ -113,14 +117,15 @@ class AutopilotReceiver:
 
     def _turn(self, t_us: int, rate: float) -> None:
         """Adds up the yaw: by the mean of the rates at both ends."""
-        if self._rate is not None and 0 <= t_us - self._rate[0] <= STALE_US:
-            self._yaw_rad += (t_us - self._rate[0]) * 1e-6 * (rate + self._rate[1]) / 2
+        since_us = None if self._rate is None else wrapped32(t_us - self._rate[0])
+        if self._rate is not None and since_us is not None and 0 <= since_us <= STALE_US:
+            self._yaw_rad += since_us * 1e-6 * (rate + self._rate[1]) / 2
         else:
             self._restarted = True
         self._rate = t_us, rate
 
     def _odometry(self, t_us: int, wheels: tuple[int | None, int | None]) -> OdometryMessage:
-        since_us = None if self._rate is None else t_us - self._rate[0]
+        since_us = None if self._rate is None else wrapped32(t_us - self._rate[0])
         yaw = None
         if self._rate is not None and since_us is not None and abs(since_us) <= STALE_US:
             yaw = _total(self._yaw_rad + since_us * 1e-6 * self._rate[1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from ledpi.core.records import Rejected
@@ -37,6 +39,15 @@ def test_odometry_comes_on_our_clock_and_does_not_wrap() -> None:
     assert isinstance(two, Odometry)
     assert (one.t_ns, two.t_ns) == (pytest.approx(10 * MS, abs=MS / 10), pytest.approx(110 * MS, abs=MS / 10))
     assert (one.totals, two.totals) == ((0.0, 0.0, None), (pytest.approx(0.002), pytest.approx(0.003), None))
+
+
+def test_a_message_without_a_total_loses_no_way() -> None:
+    """The next that has it goes on: 2 and 3 mm of way over three messages, of which the second tells a gyro alone."""
+    controller = agreed()
+    gyro = dataclasses.replace(said(20, 0, 0), left_100um=None, right_100um=None, yaw_100urad=70)
+    told = [controller.take(message, 40 * MS) for message in (said(10, 0, 0), gyro, said(30, 20, 30))]
+    ways = [of.totals[:2] for of in told if isinstance(of, Odometry)]
+    assert ways == [(0.0, 0.0), (None, None), (pytest.approx(0.002), pytest.approx(0.003))]
 
 
 def test_totals_that_begin_anew_leave_no_step() -> None:

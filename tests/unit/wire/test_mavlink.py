@@ -377,16 +377,16 @@ def test_the_state_goes_out_as_odometry_in_place_of_fixes() -> None:
     """
     covariance = np.array([[0.04, 0.006, 0.002], [0.006, 0.01, -0.001], [0.002, -0.001, 0.0025]])
     state = dataclasses.replace(STATE, pose=np.array([1.0, 2.0, math.pi]), covariance=covariance, relocalisations=3)
-    frames = {}
+    frames, heights = {}, {}
     for profile in ("ardupilot", "px4"):
         mavlink = Mavlink(base_link_from_camera=np.eye(4), profile=profile, tells_state=True)
         assert mavlink.encode(fix_message(fix_at((1, 2, 3)), age_us=2000), 10_000_000) is None
         assert mavlink.encode(state_message(None, clock_us=None), 10_000_000) is None
         told = parse(mavlink.encode(state_message(state, clock_us=None, map_resets=2), 10_000_000))
-        frames[profile] = told.frame_id
+        frames[profile], heights[profile] = told.frame_id, told.pose_covariance[11]
     assert frames == {"ardupilot": common.MAV_FRAME_LOCAL_FRD, "px4": common.MAV_FRAME_LOCAL_NED}
     assert (told.get_type(), told.child_frame_id) == ("ODOMETRY", common.MAV_FRAME_BODY_FRD)
-    assert (told.time_usec, told.reset_counter) == (8000, 5)
+    assert told.time_usec == 8000
     assert (told.x, told.y, told.z) == pytest.approx((2, 1, 0), abs=1e-6)
     assert np.abs(told.q) == pytest.approx([math.sqrt(0.5), 0, 0, math.sqrt(0.5)], abs=1e-6)
     assert told.q[0] * told.q[3] < 0  # −90°: west
@@ -396,14 +396,24 @@ def test_the_state_goes_out_as_odometry_in_place_of_fixes() -> None:
     north_east_right = upper[np.ix_([0, 1, 5], [0, 1, 5])]
     expected = np.array([[0.01, 0.006, 0.001], [0, 0.04, -0.002], [0, 0, 0.0025]])
     np.testing.assert_allclose(north_east_right, expected, atol=1e-4)
-    assert upper[2, 2] == pytest.approx(1.0)
+    assert heights == pytest.approx({"ardupilot": 0.04, "px4": 1.0}, abs=1e-4)  # one deviation of all axes to the first
     assert math.isnan(told.velocity_covariance[0])
+
+
+def test_a_state_that_begins_anew_is_a_reset() -> None:
+    """In its first message, after none, where it turns out to be elsewhere, and in another map; not in between."""
+    mavlink = Mavlink(base_link_from_camera=np.eye(4), profile="px4", tells_state=True)
+    elsewhere = dataclasses.replace(STATE, relocalisations=1)
+    states = [(STATE, 0), (STATE, 0), (None, 0), (STATE, 0), (elsewhere, 0), (elsewhere, 0), (STATE, 1), (STATE, 1)]
+    sent = [mavlink.encode(state_message(of, clock_us=None, map_resets=maps), 10_000_000) for of, maps in states]
+    assert [parse(packet).reset_counter for packet in sent if packet] == [1, 1, 2, 3, 3, 4, 4]
 
 
 def test_an_autopilot_s_wheels_and_rate_of_turn_are_odometry() -> None:
     """A turn to the right at 0.5 rad/s for a second: −0.5 rad, told with each wheel's way. Without wheels by itself.
 
-    Its pose, another part's packets, and another vehicle's are not read. It answers with its clock.
+    Its wheels' stamps are of 32 bits, as a Rover's, and wrap meanwhile. Its pose, another part's packets, and another
+    vehicle's are not read. It answers with its clock.
     """
     autopilot, gimbal, other = (
         common.MAVLink(None, srcSystem=s, srcComponent=c) for s, c in ((1, 1), (1, 154), (2, 1))
@@ -411,9 +421,11 @@ def test_an_autopilot_s_wheels_and_rate_of_turn_are_odometry() -> None:
     heard = AutopilotReceiver(common, system=1)
     said: list[bytes] = []
     for ms in range(5000, 6001, 50):
-        attitude = common.MAVLink_attitude_message(ms, 0, 0, 2.0, 0, 0, 0.5)
-        wrong = common.MAVLink_attitude_message(ms, 0, 0, 0, 0, 0, 9.0)
-        wheels = common.MAVLink_wheel_distance_message(1000 * ms + 10_000, 2, [0.001 * ms, 0.002 * ms, *[0.0] * 14])
+        boot_ms = 4_289_500 + ms
+        attitude = common.MAVLink_attitude_message(boot_ms, 0, 0, 2.0, 0, 0, 0.5)
+        wrong = common.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 9.0)
+        stamp_us = (1000 * boot_ms + 10_000) % 2**32
+        wheels = common.MAVLink_wheel_distance_message(stamp_us, 2, [0.001 * ms, 0.002 * ms, *[0.0] * 14])
         pose = common.MAVLink_local_position_ned_message(ms, 9, 9, 9, 9, 9, 9)
         said += [attitude.pack(autopilot), wrong.pack(gimbal), wrong.pack(other), pose.pack(autopilot)]
         said += [wheels.pack(autopilot)] if ms >= 5500 else []
@@ -421,8 +433,8 @@ def test_an_autopilot_s_wheels_and_rate_of_turn_are_odometry() -> None:
     told = [message for at in range(0, len(line), 7) for message in heard.feed(line[at : at + 7])]
     assert all(isinstance(message, OdometryMessage) for message in told)
     first, *_, last = (message for message in told if isinstance(message, OdometryMessage))
-    assert (first.clock_us, first.left_100um, first.yaw_100urad, first.restarted) == (5_000_000, None, 0, True)
-    assert (last.clock_us, last.left_100um, last.right_100um) == (6_010_000, 60_000, 120_000)
+    assert (first.clock_us, first.left_100um, first.yaw_100urad, first.restarted) == (4_294_500_000, None, 0, True)
+    assert (last.clock_us, last.left_100um, last.right_100um) == (542_704, 60_000, 120_000)
     assert (last.yaw_100urad, last.restarted) == (-5050, False)
     assert len(told) == 11 + 11
     asked = parse(codec().encode(TimeAsk(number=4711), 123_456_789_012))
