@@ -8,6 +8,7 @@ Through points of the map, in metres, while ledpi runs with `odometry: {source: 
 from __future__ import annotations
 
 import math
+import signal
 import sys
 import time
 from cmath import phase, rect
@@ -100,6 +101,7 @@ def drive(tap: Any, wheels: Wheels, steering: Steering) -> None:
 
 
 def main(steering: Steering) -> None:
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # so that it stands at the end, whoever ends it
     try:
         with connect_tap() as tap:
             drive(tap, Wheels(), steering)

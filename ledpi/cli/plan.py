@@ -97,7 +97,9 @@ def _of_recording(folder: Path, config: Path | None, overrides: list[str], seq: 
     with progress("decoding", len(recording.frames)) as advance:
         for entry in recording.frames:
             picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
-            if read_picture(entry.picture, picture) is None:
+            if read_picture(entry.picture, picture) is not None:
+                placed = placed if replay is not None else None  # a picture that cannot be read has no fix
+            else:
                 decoded = pipeline.decode(recording.frame(entry, picture))
                 if replay is None:
                     placed = robot_from_above(decoded_as_json(decoded, "")["robot"])

@@ -19,7 +19,11 @@ Bodies = dict[OutputName, dict[MarkerId, PanelPlace]]
 
 def check_bodies(bodies: Bodies, panels: PanelSettings, where: str) -> None:
     """Raises ConfigError for a body without panels, and for panels that cannot be where they are said to be."""
-    known, body_of = len(panels.words.codewords), dict[int, str]()
+    try:
+        known, body_of = len(panels.words.codewords), dict[int, str]()
+        sides_m = {i: panels.spec(i).side_m for places in bodies.values() for i in places}
+    except ValueError:
+        return  # the panels' own check has said why
     for name, places in bodies.items():
         key = f"{where}: bodies.{name}"
         if not places:
@@ -30,7 +34,7 @@ def check_bodies(bodies: Bodies, panels: PanelSettings, where: str) -> None:
             if body_of.setdefault(marker_id, name) != name:
                 raise ConfigError(f"{key}.{marker_id}: is on {body_of[marker_id]}, too; must be on one body")
         for one, other in combinations(places, 2):
-            if _coincide(places[one], places[other], panels.spec(one).side_m + panels.spec(other).side_m):
+            if _coincide(places[one], places[other], sides_m[one] + sides_m[other]):
                 raise ConfigError(f"{key}.{other}: is where {one} is; each panel must have a place of its own")
 
 

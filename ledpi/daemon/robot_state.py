@@ -68,13 +68,14 @@ class RobotState:
         self._diary: deque[str] = deque(maxlen=MOST_LINES)
         self._noted: tuple[Event, ...] = ()
         self._has_failed = False
+        self._on_bodies = frozenset(i for places in config.bodies.values() for i in places)  # not in the map
         self._ends = threading.Event()
 
     def see(self, decoded: Decoded) -> Decoded:
         """Takes a whole frame, that was decoded just now; returns it with what a recording keeps of the time before."""
-        if decoded.markers:
+        if markers := tuple(m for m in decoded.markers if m.detection.id not in self._on_bodies):
             mark = Frame(decoded.seq, time.monotonic_ns(), decoded.host_offset_ns)
-            self._waiting.append((seen(decoded.markers, decoded.host_offset_ns, mark.now_ns), mark))
+            self._waiting.append((seen(markers, decoded.host_offset_ns, mark.now_ns), mark))
         return replace(decoded, diary=tuple(self._diary.popleft() for _ in range(len(self._diary))))
 
     def tell_odometry(self, odometry: Odometry) -> None:

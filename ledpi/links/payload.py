@@ -1,4 +1,4 @@
-"""A frame as bytes for targets that take bytes: a line of JSON, packets of the wire, or MAVLink's."""
+"""A frame as bytes for targets that take bytes: a line of JSON, or packets of the wire."""
 
 from __future__ import annotations
 
@@ -7,19 +7,12 @@ import time
 from abc import ABC, abstractmethod
 from contextlib import suppress
 
-import numpy as np
-
-from ledpi.config.odometry import CameraMount
 from ledpi.config.outputs import OutputSettings
-from ledpi.config.robot import base_link_from_camera
 from ledpi.core.errors import WireError
-from ledpi.core.records import Floats
-from ledpi.daemon.tap.frames import map_told
 from ledpi.daemon.tap.protocol import write_line
 from ledpi.links.target import Line
 from ledpi.links.wpilib_values import pose_of
 from ledpi.wire.codec import encode
-from ledpi.wire.mavlink import Mavlink, Profile, Resets
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, wire_pose
 
 
@@ -45,6 +38,8 @@ class Payload(ABC):
 def payload_of(settings: OutputSettings) -> Payload:
     """The one of the output's `format`. Raises ConfigError where its package is missing."""
     if settings.format == "mavlink":
+        from ledpi.links.mavlink import MavlinkPayload  # which loads the decoder, for the map
+
         return MavlinkPayload(settings.mavlink_profile, settings.mavlink_system)
     return JsonPayload() if settings.format == "json" else WirePayload()
 
@@ -171,44 +166,3 @@ def status(state: str, health: Line) -> StatusMessage:
         frames=health.get("frames"),
         frames_dropped=health.get("dropped_frames"),
     )
-
-
-class MavlinkPayload(Payload):
-    """HEARTBEAT with each state, the fix before the panels. The number of packets goes on whatever the daemon does.
-
-    Each packet is a datagram of its own: ArduPilot's network ports cut one after 300 bytes.
-    """
-
-    def __init__(self, profile: Profile, system: int) -> None:
-        """`system`: the vehicle's. Raises ConfigError without pymavlink."""
-        self._profile, self._system = profile, system
-        self._resets = Resets()
-        self._mavlink = self._codec(np.eye(4))
-
-    def setup(self, hello: Line) -> None:
-        told = hello.get("camera_mount") or {}
-        given = {key: told[key] for key in CameraMount.model_fields if told.get(key) is not None}
-        mavlink = self._codec(base_link_from_camera(CameraMount(**given)))
-        mavlink.continue_after(self._mavlink)
-        self._mavlink = mavlink
-        self._resets.update_map(map_told(hello))
-
-    def frame(self, frame: Line, now_ns: int) -> list[bytes]:
-        packets = []
-        for message in messages_of(frame, now_ns, self._resets.maps % 256):
-            with suppress(WireError):  # an ID that MAVLink has no place for: not sent, as on the serial line
-                packets.append(self._packet(message, now_ns))
-        return [packet for packet in packets if packet]
-
-    def state(self, state: str, health: Line | None) -> bytes:
-        return self._packet(status(state, health or {}), 0)
-
-    def _codec(self, camera: Floats) -> Mavlink:
-        return Mavlink(base_link_from_camera=camera, profile=self._profile, system=self._system, resets=self._resets)
-
-    def _packet(self, message: Message, now_ns: int) -> bytes:
-        packet = self._mavlink.encode(message, now_ns)
-        if packet is None:
-            return b""
-        self._mavlink.count_sent()
-        return packet

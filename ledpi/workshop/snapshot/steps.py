@@ -144,7 +144,7 @@ def _evidence(nats: Floats, size: int) -> Canvas:
 def uemura_rows(snapshot: Snapshot) -> list[Row]:
     """(a) to (d), and (e) to (g) with what came of it; around the panels that were read, else around all squares."""
     frame = snapshot.frame
-    # Of each pair of frequencies, those under which most was read.
+    # The squares by the pair of frequencies under which most was read.
     steps = max(snapshot.trace.uemura, key=lambda of: sum(isinstance(s.result, Detection) for s in of.squares))
     averaged = np.round(local_mean(frame.pixels, steps.widths_rows)).astype(np.uint8)
     read = [square.framed_px for square in steps.squares if isinstance(square.result, Detection)]
