@@ -190,7 +190,7 @@ def test_a_receiver_that_stops_reading(take: Path, tmp_path: Path, plug: Callabl
     line = plug()
     with daemon(*settings(take, tmp_path), options=FOR_EVER) as process:
         line.wait_for_markers(2)
-        time.sleep(2.0)  # more than a pty holds at this rate
+        time.sleep(3.0)  # more than a pty holds at this rate, and counters of two seconds
         line.throw_away()
         line.receiver = Receiver()
         line.wait_for_markers(5)

@@ -37,7 +37,7 @@ def test_who_comes_and_goes_leaves_nothing_behind(tmp_path: Path, times: int) ->
 
 def come_and_go(folder: Path, page: Page) -> None:
     """A page, which sees a picture and asks why; a follower that records, deletes that, and goes within an answer."""
-    page.frame("plain")
+    wait_until(lambda: page.asked("/api/frame?kind=plain"))  # empty until there is a picture
     page.ask("/api/takes")
     with connect(folder / "tap.sock") as follower, connect(folder / "tap.sock") as other:
         recording = follower.send("record", seconds=60)
