@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 from cobs import cobs
 
 from ledpi.core.errors import WireError
-from ledpi.wire.bodies import BODIES
+from ledpi.wire.layouts import LAYOUTS
 from ledpi.wire.message import Message
 from ledpi.wire.numbers import UnknownFlagsError
 from ledpi.wire.state_message import OdometryMessage, TimeAnswer
@@ -31,8 +31,8 @@ _HEADER = struct.Struct("<BBH")  # version, type, sequence
 _CRC = struct.Struct("<I")
 
 FROM_CONTROLLER: tuple[type[Message], ...] = (OdometryMessage, TimeAnswer)
-FROM_LEDPI: tuple[type[Message], ...] = tuple(message for message in BODIES if message not in FROM_CONTROLLER)
-_BY_KIND = {body.kind: (message, body) for message, body in BODIES.items()}
+FROM_LEDPI: tuple[type[Message], ...] = tuple(message for message in LAYOUTS if message not in FROM_CONTROLLER)
+_BY_KIND = {layout.kind: (message, layout) for message, layout in LAYOUTS.items()}
 
 
 class FrameError(WireError):
@@ -46,8 +46,8 @@ class FrameError(WireError):
 
 def encode(message: Message, sequence: int) -> bytes:
     """The whole frame, delimiter included: its kind's bytes on docs/wire.md. `sequence` is 0 to 65535."""
-    body = BODIES[type(message)]
-    content = _HEADER.pack(VERSION, body.kind, sequence) + body.pack(message)
+    layout = LAYOUTS[type(message)]
+    content = _HEADER.pack(VERSION, layout.kind, sequence) + layout.pack(message)
     return bytes(cobs.encode(content + _CRC.pack(zlib.crc32(content)))) + DELIMITER
 
 
@@ -64,13 +64,13 @@ def decode(frame: bytes, kinds: tuple[type[Message], ...] = FROM_LEDPI) -> tuple
     version, kind, sequence, packed = _open(frame)
     if version != VERSION:
         raise FrameError("version", f"version {version}; this receiver knows version {VERSION}", sequence)
-    message, body = _BY_KIND.get(kind, (None, None))
-    if body is None or message not in kinds:
+    message, layout = _BY_KIND.get(kind, (None, None))
+    if layout is None or message not in kinds:
         raise FrameError("type", f"message type {kind} is not known", sequence)
-    if len(packed) != body.layout.size:
-        raise FrameError("length", f"type {kind} has {body.layout.size} bytes of body, not {len(packed)}", sequence)
+    if len(packed) != layout.fields.size:
+        raise FrameError("length", f"type {kind} has {layout.fields.size} bytes of body, not {len(packed)}", sequence)
     try:
-        return sequence, body.unpack(packed)
+        return sequence, layout.unpack(packed)
     except UnknownFlagsError as error:
         raise FrameError("flags", str(error), sequence) from None
     except WireError as error:

@@ -1,4 +1,4 @@
-"""Bodies of messages ↔ bytes, and the table of them all. Pure; codec.py frames them, docs/wire.md is the contract."""
+"""Layouts of messages, to bytes and back, in one table. Pure; codec.py frames them, docs/wire.md is the contract."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ _UNKNOWN = {
 }
 
 
-class Body(NamedTuple):
+class Layout(NamedTuple):
     """A message's own bytes."""
 
     kind: int  # the type on the line
-    layout: struct.Struct
+    fields: struct.Struct
     pack: Callable[[Any], bytes]
     unpack: Callable[[bytes], Message]
 
@@ -197,10 +197,10 @@ def _unpack_odometry(body: bytes) -> OdometryMessage:
     return OdometryMessage(clock_us=clock_us, left_100um=left, right_100um=right, yaw_100urad=yaw, **flagged)
 
 
-def _as_they_are(kind: int, message: type[Message], layout: struct.Struct) -> Body:
+def _as_they_are(kind: int, message: type[Message], layout: struct.Struct) -> Layout:
     """A body of the record's whole numbers, in its order."""
     names = [field.name for field in fields(message)]
-    return Body(
+    return Layout(
         kind,
         layout,
         lambda said: layout.pack(*(getattr(said, name) for name in names)),
@@ -208,12 +208,12 @@ def _as_they_are(kind: int, message: type[Message], layout: struct.Struct) -> Bo
     )
 
 
-BODIES: dict[type[Message], Body] = {
-    MarkerMessage: Body(1, _MARKER, _pack_marker, _unpack_marker),
-    FixMessage: Body(2, _FIX, _pack_fix, _unpack_fix),
-    StatusMessage: Body(3, _STATUS, _pack_status, _unpack_status),
-    StateMessage: Body(4, _STATE, _pack_state, _unpack_state),
-    OdometryMessage: Body(16, _ODOMETRY, _pack_odometry, _unpack_odometry),
+LAYOUTS: dict[type[Message], Layout] = {
+    MarkerMessage: Layout(1, _MARKER, _pack_marker, _unpack_marker),
+    FixMessage: Layout(2, _FIX, _pack_fix, _unpack_fix),
+    StatusMessage: Layout(3, _STATUS, _pack_status, _unpack_status),
+    StateMessage: Layout(4, _STATE, _pack_state, _unpack_state),
+    OdometryMessage: Layout(16, _ODOMETRY, _pack_odometry, _unpack_odometry),
     TimeAsk: _as_they_are(17, TimeAsk, struct.Struct("<H")),
     TimeAnswer: _as_they_are(18, TimeAnswer, struct.Struct("<HII")),
 }
