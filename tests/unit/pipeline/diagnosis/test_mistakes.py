@@ -58,7 +58,10 @@ def test_unsure_cells_explain_nothing() -> None:
 
 def test_reasons_are_those_of_the_documents() -> None:
     """As text, with what helps."""
-    assert explained("fix.not_in_map") == ("no panel in view is in the map", "add it to the map, unless it is on a body")
+    assert explained("fix.not_in_map") == (
+        "no panel in view is in the map",
+        "add it to the map, unless it is on a body",
+    )
 
 
 def test_a_reason_of_a_newer_daemon_is_shown_by_its_name() -> None:
