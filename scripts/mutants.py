@@ -28,6 +28,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -76,6 +77,8 @@ class Fault:
 def main() -> None:
     """Plants them, and prints what became of each."""
     arguments = _arguments()
+    if arguments.python and not find_spec("coverage"):
+        sys.exit("mutants: faults in Python need coverage, which says what runs which line: pip install coverage")
     sources = sorted(path.relative_to(ROOT) for ending in ("py", "c") for path in (ROOT / "ledpi").rglob(f"*.{ending}"))
     sources = [path for path in sources if arguments.only in str(path) and "sources" not in path.parts]
     with tempfile.TemporaryDirectory() as folder:
