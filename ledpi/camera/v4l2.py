@@ -17,7 +17,7 @@ import numpy as np
 
 from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError, CameraLostError, RowTimeUnknownError, raising
-from ledpi.core.holder import who_holds
+from ledpi.core.linux import who_holds
 from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 
 _MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import load_recording_with
 from ledpi.camera.recording.picture import SUFFIXES, read_picture, read_still
 from ledpi.camera.recording.reader import Recording, find_recordings
 from ledpi.cli import CONFIG, METHOD, SET, app, progress

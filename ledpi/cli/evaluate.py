@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import typer
 
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import load_recording_with
 from ledpi.cli import SET, app, progress
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.overrides import METHODS, current_name

@@ -28,11 +28,19 @@ from ledpi.workshop.panel.design import (
     ranked,
     views_of,
 )
-from ledpi.workshop.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
+from ledpi.workshop.panel.design_text import (
+    Finding,
+    antiphase_text,
+    config_lines,
+    findings,
+    legend,
+    summary_line,
+    table,
+    task_text,
+)
 from ledpi.workshop.panel.frequencies import Flicker
 from ledpi.workshop.panel.information import View
 from ledpi.workshop.panel.reach import Reach, reach_of, reach_views
-from ledpi.workshop.panel.verdict import Finding, findings
 
 _SHOWN = 5
 # Of the farthest distance at which cells can be sampled; for a panel of 16 cm 0.6, 1, 1.4, 2, 3, 5, 8 and 12 m.

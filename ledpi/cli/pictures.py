@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import cv2
 
-from ledpi.camera.recording.overrides import camera_with
+from ledpi.camera.recorded import camera_with
 from ledpi.camera.recording.picture import MAX_BYTES, still_camera, text_of
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import load_recording_with
 from ledpi.camera.recording.picture import read_picture
 from ledpi.cli import progress
 from ledpi.cli.decode import newest_state, replay_of

@@ -12,8 +12,7 @@ import numpy as np
 import typer
 
 from ledpi.camera.factory import open_camera
-from ledpi.camera.recorded import RecordingCamera
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import RecordingCamera, load_recording_with
 from ledpi.camera.recording.picture import read_picture, read_still
 from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.pictures import check_apart, says_all, still_of, write_drawn

@@ -12,8 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ledpi.camera.base import Camera, GainFollower
-from ledpi.camera.exposure_notes import exposure_notes
-from ledpi.camera.factory import is_same_camera
+from ledpi.camera.factory import exposure_notes, is_same_camera
 from ledpi.camera.recovering import LOST
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.robot import unreadable_note

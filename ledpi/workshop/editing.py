@@ -24,7 +24,7 @@ from ledpi.config.overrides import apply_override, parse_override
 from ledpi.config.settings import SEARCH_PATH, sections
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.files import parse_yaml, read_bytes
-from ledpi.core.mounts import lost_at_reboot
+from ledpi.core.linux import lost_at_reboot
 from ledpi.core.wording import shortened_name
 from ledpi.workshop.backup import (
     CONFIG,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import load_recording_with
 from ledpi.camera.recording.picture import read_picture
 from ledpi.camera.recording.reader import FrameEntry, Recording
 from ledpi.config.camera_yaml import lens_of

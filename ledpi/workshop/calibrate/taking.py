@@ -12,8 +12,7 @@ import numpy as np
 from ledpi.camera.base import AdjustableGain, Camera
 from ledpi.camera.factory import open_camera
 from ledpi.camera.gain import GainControl, brightest_level
-from ledpi.camera.recorded import RecordingCamera
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import RecordingCamera, load_recording_with
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.camera.base import Camera
-from ledpi.camera.exposure_notes import depths, other_exposure, vanishing
-from ledpi.camera.factory import open_camera
+from ledpi.camera.factory import depths, open_camera, other_exposure, vanishing
 from ledpi.camera.simulate.render import Renderer
 from ledpi.camera.simulate.scene import SimulatedSensor
 from ledpi.camera.simulate.scenes import abreast_scene

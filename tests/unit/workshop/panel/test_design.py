@@ -36,10 +36,10 @@ from ledpi.workshop.panel.design import (
     proposal_at,
     views_of,
 )
+from ledpi.workshop.panel.design_text import findings
 from ledpi.workshop.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
 from ledpi.workshop.panel.information import View, evidence_of, separation_nats, view_panel
 from ledpi.workshop.panel.reach import Reach, chance_of_reading, reach_of
-from ledpi.workshop.panel.verdict import findings
 from tests.builders import ROOT
 from tests.builders.samples import observed
 
