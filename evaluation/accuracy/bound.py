@@ -28,7 +28,7 @@ import yaml
 
 from evaluation.suites.conditions import Condition
 from evaluation.suites.draw import draw_take
-from evaluation.suites.oracle import codebook, observed, read_with_oracle
+from evaluation.suites.readers import codebook, observed, read_with_oracle
 from evaluation.suites.units import photographed
 from ledpi.camera.recording.reader import FrameEntry, Recording, find_recordings, load_recording
 from ledpi.camera.simulate.sensor import sensor_info

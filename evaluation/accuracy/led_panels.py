@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from evaluation import ROOT
 from evaluation.accuracy import led_bands
-from evaluation.suites.oracle import read_with_oracle
+from evaluation.suites.readers import read_with_oracle
 from ledpi.config.settings import load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import CameraInfo

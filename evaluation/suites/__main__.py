@@ -17,10 +17,9 @@ import typer
 from evaluation.suites.conditions import Method, Suite
 from evaluation.suites.keep import keep_wild, write_take
 from evaluation.suites.plan import Plan
-from evaluation.suites.prints import has_apriltag
-from evaluation.suites.units import code_version
+from evaluation.suites.readers import has_apriltag
+from evaluation.suites.units import code_version, run_on_cluster, run_on_processes
 from evaluation.suites.wild_rows import TAKES
-from evaluation.suites.workers import run_on_cluster, run_on_processes
 from ledpi.cli import main, progress
 from ledpi.cli.evaluate import SIDE, method_option, panel_options
 from ledpi.cli.simulate import TransferName

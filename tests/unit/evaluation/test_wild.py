@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from evaluation.accuracy.bound import Bound, bound_of
 from evaluation.suites.__main__ import app
 from evaluation.suites.draw import Take
-from evaluation.suites.oracle import read_with_oracle
+from evaluation.suites.readers import read_with_oracle
 from evaluation.suites.units import photographed
 from evaluation.suites.wild import draw_wild
 from evaluation.suites.wild_rows import TAKE_SPANS, WILD, drawn
