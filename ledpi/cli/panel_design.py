@@ -10,7 +10,7 @@ from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
 from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.camera.simulated import shortest_frame_rows
 from ledpi.cli import CONFIG, SET, progress
-from ledpi.cli.panel import panel, require_extra
+from ledpi.cli.panel import OWN_SIZE, panel, require_extra
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import CameraSettings, Config, find_config, load_config
@@ -87,14 +87,12 @@ def design(
     """
     if out is not None and check is not None:
         raise ConfigError(f"--out {out}: is for a design; --check writes nothing")
-    file = find_config(config)
-    overrides = [] if file is not None else ["panels.side_m=0.16"]
-    overrides += set_
+    overrides = [*set_]
     overrides += [f"camera.exposure_us={exposure_us}"] if exposure_us is not None else []
     overrides += [f"camera.row_time_us={row_time_us}"] if row_time_us is not None else []
     overrides += [f"camera.frame_duration_us={1e6 / fps}"] if fps is not None else []
     overrides += [f"panels.side_m={side}"] if side is not None else []
-    settings = load_config(file, tuple(overrides))
+    settings = load_config(find_config(config), tuple(overrides), without_file=OWN_SIZE)
     task = _task(settings, distance, tolerance_ppm, flicker, own_light)
     if check is not None:
         _check(task, settings, check)
@@ -179,10 +177,7 @@ def _say_findings(task: Task, found: list[Finding]) -> None:
 
 def _say_unreported(panels: PanelSettings) -> None:
     """Which IDs to do without, as long as none were chosen."""
-    note = (
-        panels.unreported_note(range(len(load_dictionary(panels.dictionary).codewords))) if panels.ids is None else ""
-    )
-    if note:
+    if panels.ids is None and (note := panels.unreported_note(range(len(panels.words.codewords)))):
         typer.echo(f"note: {note}")
 
 

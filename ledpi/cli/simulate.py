@@ -80,14 +80,12 @@ def simulate(
 
 
 def _settings(config: Path | None, set_: list[str], exposure_us: float | None, transfer: TransferName | None) -> Config:
-    file = find_config(config)
-    overrides = [] if file is not None else ["panels.side_m=0.16"]
-    overrides += set_
+    overrides = [*set_]
     if exposure_us is not None:
         overrides.append(f"camera.exposure_us={exposure_us}")
     if transfer is not None:
         overrides.append(f"camera.transfer={transfer.value}")
-    return load_config(file, tuple(overrides))
+    return load_config(find_config(config), tuple(overrides), without_file=("panels.side_m=0.16",))
 
 
 def _drive(settings: Config) -> Scene:

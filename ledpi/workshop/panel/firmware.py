@@ -18,8 +18,6 @@ from ledpi.workshop.calibrate.panel import SAME_DUTY
 from ledpi.workshop.panel import frequencies
 from ledpi.workshop.panel.circuit import CELL_PINS, OUTPUTS
 
-# The interrupts of both classes, one after the other, take under 160 cycles; the rest is left to the serial line.
-
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
 
 
