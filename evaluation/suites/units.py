@@ -40,7 +40,7 @@ from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.records import Frame
-from ledpi.core.row_clock import RowClock
+from ledpi.core.shutter import RowClock
 from ledpi.core.wording import install_command
 from ledpi.workshop.evaluate import page
 from ledpi.workshop.evaluate.scoring import (

@@ -21,7 +21,7 @@ from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, check_method, find_config, load_config
 from ledpi.core.errors import ConfigError, RecordingError, raising
 from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
-from ledpi.core.row_clock import row_time_note
+from ledpi.core.shutter import row_time_note
 from ledpi.core.wording import one_line
 from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.output import decoded_as_json, state_as_json

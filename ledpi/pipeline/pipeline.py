@@ -26,7 +26,7 @@ from ledpi.core.records import (
     Pixels,
     Rejected,
 )
-from ledpi.core.row_clock import MIN_DEVIATION, RowClock
+from ledpi.core.shutter import MIN_DEVIATION, RowClock
 from ledpi.decode.uemura import NO_SQUARE, UemuraReader
 from ledpi.pipeline.likelihood import Groups, LikelihoodPath
 from ledpi.pipeline.results import Results

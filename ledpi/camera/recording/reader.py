@@ -30,7 +30,7 @@ from ledpi.camera.recording.format import (
 from ledpi.config.values import check_cycles_fit, check_lens
 from ledpi.core.errors import RecordingError, raising
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Pixels, Pose, read_only
-from ledpi.core.row_clock import RowClock
+from ledpi.core.shutter import RowClock
 
 _LENS_KEYS = ("fx", "fy", "cx", "cy", "distortion")
 
