@@ -9,7 +9,7 @@ import typer
 
 from ledpi.cli import CONFIG, app
 from ledpi.config.map_yaml import layout_text, load_layout, load_map, map_text
-from ledpi.config.robot import unreadable_note
+from ledpi.config.own_map import unreadable_note
 from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.wording import counted

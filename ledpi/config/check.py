@@ -13,7 +13,7 @@ from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.mistakes import explain_all
 from ledpi.config.named_files import read_password, tls_context
 from ledpi.config.overrides import apply_override, rename_method
-from ledpi.config.robot import load_own_map
+from ledpi.config.own_map import load_own_map
 from ledpi.config.settings import Config, checks_together, resolve_paths, sections
 from ledpi.core.errors import ConfigError, LedpiError, raising
 from ledpi.core.files import parse_yaml

@@ -1,20 +1,65 @@
-"""The camera's seat on the robot, and the map, by the configuration."""
+"""The sections `robot`, `odometry` and `bodies`: where the camera sits, how odometry errs, what else carries panels.
+
+A body is a dock, a cart, another robot: a map of its own.
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
+from itertools import combinations
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
-from ledpi.config.map_yaml import load_map
-from ledpi.config.odometry import CameraMount
+from ledpi.config.map_yaml import Deviations, PanelPlace
+from ledpi.config.outputs import OutputName
 from ledpi.config.panels import PanelSettings
-from ledpi.config.settings import Config
+from ledpi.config.values import Angles, MarkerId, MountPosition, Section
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
 from ledpi.core.records import Floats, PanelMap
+from ledpi.state.inputs import OdometryNoise
 
-MAX_NAMED = 5  # that are named of many
+# Per root of a metre or a second. A wheel that errs by its own way, or a gyro by a radian a second, measures nothing.
+Deviation = Annotated[float, Field(ge=0.0001, le=1, allow_inf_nan=False)]
+
+
+class OdometryDeviations(Section):
+    """Errors of it, as random walks."""
+
+    way_per_m: Deviation = 0.02
+    yaw_per_m: Deviation = 0.00175  # 0.1°
+    yaw_per_s: Deviation = 0.00175
+
+
+class OdometrySettings(Section):
+    """The section `odometry`."""
+
+    source: Literal["serial", "tap", "none"] = "none"
+    base_m: Annotated[float, Field(ge=0.01, le=10, allow_inf_nan=False)] | None = None
+    deviations: OdometryDeviations = OdometryDeviations()
+
+    @property
+    def noise(self) -> OdometryNoise:
+        """As the estimator takes it."""
+        own = self.deviations
+        return OdometryNoise(
+            base_m=self.base_m, way_per_m=own.way_per_m, yaw_per_m=own.yaw_per_m, yaw_per_s=own.yaw_per_s
+        )
+
+
+class CameraMount(Section):
+    """base_link_from_camera_link: x ahead, y left, z up; zero looks ahead."""
+
+    position_m: MountPosition = (0.0, 0.0, 0.0)
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
+
+
+class RobotSettings(Section):
+    """The section `robot`."""
+
+    camera_mount: CameraMount = CameraMount()
+    state_hz: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] | None = None
 
 
 def base_link_from_camera(mount: CameraMount) -> Floats:
@@ -23,38 +68,37 @@ def base_link_from_camera(mount: CameraMount) -> Floats:
     return transform(rotation, np.array(mount.position_m))
 
 
-def load_own_map(config: Config) -> PanelMap | None:
-    """The map, if there is one. Raises ConfigError, also where it and the configuration contradict each other."""
-    if config.map is None:
-        return None
-    panels = load_map(config.map)
-    for marker_id, override in config.panels.overrides.items():
-        side_m = panels[marker_id].side_m if marker_id in panels else None
-        if side_m is not None and override.side_m is not None and side_m != override.side_m:
-            raise ConfigError(
-                f"{config.map}: panels.{marker_id}.side_m: is {side_m}, but panels.overrides.{marker_id}.side_m in "
-                f"the configuration is {override.side_m}: give it once"
-            )
-    for name, places in config.bodies.items():
-        for marker_id in places.keys() & panels.keys():
-            raise ConfigError(
-                f"{config.map}: panels.{marker_id}: is also in the configuration, as bodies.{name}.{marker_id}; a "
-                "body's panel has no place in the room: take it out of one"
-            )
-    return panels
+BY_RULER = Deviations(position_m=0.002, angle_deg=0.5)  # on one rigid thing, where a map's are taped along walls
+Bodies = dict[OutputName, dict[MarkerId, PanelPlace]]
 
 
-def unreadable_note(settings: PanelSettings, panels: PanelMap | None, file: Path | None) -> str:
-    """Names the map's panels that are never reported: without a word, or no panels by `panels.ids`; "" if none are.
+def check_bodies(bodies: Bodies, panels: PanelSettings, where: str) -> None:
+    """Raises ConfigError for a body without panels, and for panels that cannot be where they are said to be."""
+    try:
+        known, body_of = len(panels.words.codewords), dict[int, str]()
+        sides_m = {i: panels.spec(i).side_m for places in bodies.values() for i in places}
+    except ValueError:
+        return  # the panels' own check has said why
+    for name, places in bodies.items():
+        key = f"{where}: bodies.{name}"
+        if not places:
+            raise ConfigError(f"{key}: must hold a panel at least, as {{7: {{position_m: [0, 0, 0], yaw_deg: 0}}}}")
+        for marker_id in places:
+            if marker_id >= known:
+                raise ConfigError(f"{key}.{marker_id}: {panels.dictionary} has only the IDs 0 to {known - 1}")
+            if body_of.setdefault(marker_id, name) != name:
+                raise ConfigError(f"{key}.{marker_id}: is on {body_of[marker_id]}, too; must be on one body")
+        for one, other in combinations(places, 2):
+            if _coincide(places[one], places[other], sides_m[one] + sides_m[other]):
+                raise ConfigError(f"{key}.{other}: is where {one} is; each panel must have a place of its own")
 
-    That is no error: a field's layout may hold tags that others read.
-    """
-    words = len(settings.words.codewords)
-    unreadable = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
-    notes = []
-    if unreadable:
-        named = ", ".join(map(str, unreadable[:MAX_NAMED])) + (", …" if len(unreadable) > MAX_NAMED else "")
-        notes.append(f"{named} in {file} cannot be read: {settings.dictionary} has IDs 0 to {words - 1}")
-    if note := settings.unreported_note(panels or {}):
-        notes.append(f"{file}: {note}")
-    return "; ".join(notes)
+
+def body_maps(bodies: Bodies) -> dict[str, PanelMap]:
+    """The maps, by name. x, y and z are the body's own."""
+    return {name: {i: place.map_panel(BY_RULER) for i, place in places.items()} for name, places in bodies.items()}
+
+
+def _coincide(one: PanelPlace, other: PanelPlace, sides_m: float) -> bool:
+    """Tells whether two panels that face the same way overlap. Back to back, or around a corner, they do not."""
+    a, b = one.map_from_marker(), other.map_from_marker()
+    return bool(np.linalg.norm(a[:3, 3] - b[:3, 3]) < sides_m / 4 and a[:3, 2] @ b[:3, 2] > 0)

@@ -10,7 +10,7 @@ from typing import Any
 
 from ledpi.config.camera_yaml import load_intrinsics, own_section
 from ledpi.config.map_yaml import load_map
-from ledpi.config.robot import unreadable_note
+from ledpi.config.own_map import unreadable_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError, ConfigError
 from ledpi.core.wording import counted

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ledpi.config.named_files import read_password, tls_context
 from ledpi.config.outputs import OutputSettings
-from ledpi.config.robot import load_own_map, unreadable_note
+from ledpi.config.own_map import load_own_map, unreadable_note
 from ledpi.config.settings import SEARCH_PATH, Config, SerialSettings
 from ledpi.core.codewords import format_ranges
 from ledpi.core.errors import ConfigError, LedpiError, WireError
