@@ -20,8 +20,7 @@ from evaluation.drives.room import BASE_FROM_CAMERA
 from ledpi.core.records import Floats
 from ledpi.state.estimator import State
 from ledpi.state.filter import HEADING_FADES_S, RANGE_FADES_S
-from ledpi.state.inputs import Look, Odometry, wrapped
-from ledpi.state.motion import GYRO_PRIORS, PRIORS, SIDEWAYS, WAY_SCALE, between, step_between
+from ledpi.state.inputs import GYRO_PRIORS, PRIORS, SIDEWAYS, WAY_SCALE, Look, Odometry, between, step_between, wrapped
 
 CASE = CASES["plain"]
 UNTIL_S = (10.0, 20.0, 30.0)

@@ -15,11 +15,12 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, StrictBool
 
 from ledpi.config import values
+from ledpi.config.bodies import Bodies, check_bodies
 from ledpi.config.mistakes import validated
 from ledpi.config.outputs import OutputName, OutputSettings
 from ledpi.config.overrides import apply_override, rename_method
 from ledpi.config.panels import PanelSettings, check_bands_visible, check_panels
-from ledpi.config.robot import Bodies, OdometrySettings, RobotSettings, check_bodies
+from ledpi.config.robot import OdometrySettings, RobotSettings
 from ledpi.core.dictionaries import is_file
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_yaml

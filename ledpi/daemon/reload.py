@@ -12,7 +12,7 @@ from typing import NamedTuple
 from ledpi.camera.base import Camera
 from ledpi.camera.recorded import load_recording_with
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.own_map import load_own_map
+from ledpi.config.check import load_own_map
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Floats

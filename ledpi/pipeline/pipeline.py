@@ -9,9 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ledpi.config.own_map import load_own_map
+from ledpi.config.bodies import body_maps
+from ledpi.config.check import load_own_map
 from ledpi.config.panels import PanelSettings
-from ledpi.config.robot import base_link_from_camera, body_maps
+from ledpi.config.robot import base_link_from_camera
 from ledpi.config.settings import Config, Method
 from ledpi.core.codewords import Dictionary
 from ledpi.core.records import (

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.own_map import load_own_map
+from ledpi.config.check import load_own_map
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, PictureError
 from ledpi.core.records import Intrinsics, Phase, Pixels, RowsFrom, Transfer

@@ -14,9 +14,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from ledpi.config.check import load_own_map, unreadable_note
 from ledpi.config.named_files import read_password, tls_context
 from ledpi.config.outputs import OutputSettings
-from ledpi.config.own_map import load_own_map, unreadable_note
 from ledpi.config.settings import SEARCH_PATH, Config, SerialSettings
 from ledpi.core.codewords import format_ranges
 from ledpi.core.errors import ConfigError, LedpiError, WireError
