@@ -32,6 +32,13 @@ static ptrdiff_t level_of(const PyramidPicture *pictures, ptrdiff_t count, doubl
     return level;
 }
 
+/* No less than 0, which what is not a number counts for, and no more than `most`. */
+static LEDPI_INLINE void limit(float most, Floats *of) {
+    const Floats least = {0}, end = least + most;
+    const Ints less = *of < end;
+    *of = (Floats)((((Ints)*of & less) | ((Ints)end & ~less)) & (*of > least));
+}
+
 /* Puts the samples (lines²) of a square's picture, by straight lines between pixels. */
 static LEDPI_INLINE void put_seen(const GlanceTemplate *t, const PyramidPicture *picture, double scale, const double h[9], float *seen) {
     const float right = (float)(picture->width - 1), bottom = (float)(picture->height - 1);
@@ -41,15 +48,21 @@ static LEDPI_INLINE void put_seen(const GlanceTemplate *t, const PyramidPicture 
         const float a = (float)(h[1] * v + h[2]), b = (float)(h[4] * v + h[5]), c = (float)(h[7] * v + h[8]);
         for (ptrdiff_t i = 0; i < t->lines; i += LEDPI_WIDTH) {
             const Floats u = *(const Floats *)(t->along + i), w = size / ((float)h[6] * u + c);
-            const Floats x = ((float)h[0] * u + a) * w + off, y = ((float)h[3] * u + b) * w + off;
-            for (ptrdiff_t lane = 0; lane < LEDPI_WIDTH && i + lane < t->lines; lane++) {
-                const float across = x[lane] > 0.0f ? fminf(x[lane], right) : 0.0f, down = y[lane] > 0.0f ? fminf(y[lane], bottom) : 0.0f;
-                const ptrdiff_t column = (ptrdiff_t)fminf(across, right - 1.0f), row = (ptrdiff_t)fminf(down, bottom - 1.0f);
-                const uint8_t *const above = picture->pixels + row * picture->width + column, *const below = above + picture->width;
-                const float of = across - (float)column;
-                const float upper = (float)above[0] + of * (float)(above[1] - above[0]), lower = (float)below[0] + of * (float)(below[1] - below[0]);
-                seen[j * t->lines + i + lane] = upper + (down - (float)row) * (lower - upper);
+            Floats across = ((float)h[0] * u + a) * w + off, down = ((float)h[3] * u + b) * w + off;
+            limit(right, &across), limit(bottom, &down);
+            Floats left = across, top = down;
+            limit(right - 1.0f, &left), limit(bottom - 1.0f, &top);
+            const Ints column = __builtin_convertvector(left, Ints), row = __builtin_convertvector(top, Ints);
+            float before[2][2][LEDPI_WIDTH]; /* the four pixels around */
+            for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
+                const uint8_t *const above = picture->pixels + row[lane] * picture->width + column[lane], *const below = above + picture->width;
+                before[0][0][lane] = (float)above[0], before[0][1][lane] = (float)above[1];
+                before[1][0][lane] = (float)below[0], before[1][1][lane] = (float)below[1];
             }
+            across -= __builtin_convertvector(column, Floats), down -= __builtin_convertvector(row, Floats);
+            const Floats *const corner = (const Floats *)before;
+            const Floats upper = corner[0] + across * (corner[1] - corner[0]), lower = corner[2] + across * (corner[3] - corner[2]);
+            *(Floats *)(seen + j * t->lines + i) = upper + down * (lower - upper); /* what is beyond its lines, the next row's overwrite */
         }
     }
 }
