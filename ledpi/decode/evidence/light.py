@@ -134,7 +134,7 @@ class LightWeigher:
         return any(abs(of - mean.each) <= max(1.0, SAME_GRID * mean.each) for of in suits)
 
     def _each(self, seen: Observation, most: int = MOST_EACH) -> int:
-        pitch = pitch_px_of(seen.lattice_px / seen.window.shrink, self.cells)
+        pitch = pitch_px_of(seen.lattice_px, self.cells * seen.window.shrink)
         return min(most, max(FEWEST_EACH, round(math.sqrt(pitch[0] * pitch[1]))))
 
     def _weigh(
@@ -152,7 +152,7 @@ class LightWeigher:
         turns: Singles | None = None,
     ) -> tuple[Mean, Evidence | None]:
         cells, count, frame, window = self.cells, len(spec.waves_hz), seen.frame, seen.window
-        lines, steps_px = _lines(cells, each, pitch_px_of(seen.lattice_px / window.shrink, cells), wall_px)
+        lines, steps_px = _lines(cells, each, pitch_px_of(seen.lattice_px, cells * window.shrink), wall_px)
         unknown = seen.unknown if built is None else np.where(_built_in(cells), built, seen.unknown)
         shape, parameters = (len(lines), len(lines)), 2 * count
         light, valid, wave = (np.zeros(of, np.float32) for of in (shape, shape, (parameters, *shape)))

@@ -14,8 +14,6 @@ enum { ROUNDS = 3 };
 enum { MOST = 256 }; /* in a picture: what has more is texture */
 #define SAME 0.25 /* cells: candidates no further apart lead to the same fit */
 #define LEAST_CELL 5.0 /* pixels, of the smallest picture in which a candidate is looked at */
-#define DARKEST 0.05 /* quantiles: of the light around, what is taken for dark; of that within, for the panel's own */
-#define BRIGHT 0.8
 #define MOST_MOVE 0.1 /* half sides, in a round: as far as the slopes hold */
 #define SMALL_MOVE 0.004 /* a hundredth of a cell: it is there */
 #define LEAST_GAIN 0.2 /* share of a panel's own light: what moves it is divided by no less */
@@ -67,14 +65,6 @@ static LEDPI_INLINE void put_seen(const GlanceTemplate *t, const PyramidPicture 
     }
 }
 
-static float quantile(const int32_t counts[256], double share) {
-    int32_t total = 0, sum = 0, level = 0;
-    for (int i = 0; i < 256; i++) total += counts[i];
-    const int32_t at = (int32_t)(share * total);
-    while (level < 255 && (sum += counts[level]) <= at) level++;
-    return (float)level;
-}
-
 /* Grey levels: of what is bright in a panel and what is dimmed there, and of what is dark around. */
 typedef struct {
     float dark, dimmed, bright;
@@ -84,9 +74,9 @@ static LEDPI_INLINE Levels levels_of(const GlanceTemplate *t, const float *seen)
     int32_t counts[2][256];
     memset(counts, 0, sizeof counts);
     for (ptrdiff_t i = 0; i < t->lines * t->lines; i++) counts[t->inside[i]][(int)seen[i] & 255]++;
-    const float bright = quantile(counts[1], BRIGHT), dimmed = quantile(counts[1], DARKEST);
+    const int bright = ledpi_quantile(counts[1], LEDPI_BRIGHT), dimmed = ledpi_quantile(counts[1], LEDPI_DARK);
     for (int i = 0; i < 256; i++) counts[0][i] += counts[1][i];
-    return (Levels){quantile(counts[0], DARKEST), dimmed, bright};
+    return (Levels){(float)ledpi_quantile(counts[0], LEDPI_DARK), (float)dimmed, (float)bright};
 }
 
 /* Squares of the light about a hypothesis' mean, over its variance: what the `ranks` directions in which it varies explain
