@@ -60,7 +60,7 @@ static LEDPI_INLINE void put_seen(const GlanceTemplate *t, const PyramidPicture 
             across -= __builtin_convertvector(column, Floats), down -= __builtin_convertvector(row, Floats);
             const Floats *const corner = (const Floats *)before;
             const Floats upper = corner[0] + across * (corner[1] - corner[0]), lower = corner[2] + across * (corner[3] - corner[2]);
-            *(Floats *)(seen + j * t->lines + i) = upper + down * (lower - upper); /* what is beyond its lines, the next row's overwrite */
+            *(Floats *)(seen + j * t->lines + i) = upper + down * (lower - upper); /* the next row overwrites those beyond its lines */
         }
     }
 }

@@ -75,7 +75,7 @@ LEDPI_SIMD_BYTES static void put_lit(const PyramidPicture *from, ptrdiff_t reach
 typedef struct {
     ptrdiff_t count, node[2][SPAN_NODES], low[2], high[2];
     double at[2][SPAN_NODES], mean[2][2], spread[2]; /* mean: of nodes, of places; spread likewise */
-    double seen[TABLE][TABLE], area[TABLE][TABLE]; /* how many there are, and their area, before a row and a column */
+    double seen[TABLE][TABLE], area[TABLE][TABLE]; /* sums over the nodes before a row and a column: of 1, of their area */
 } Nodes;
 
 static void put_nodes(const int32_t *lattice, const Blob *blobs, Nodes *n) {
@@ -192,7 +192,7 @@ static bool put_corners(const Nodes *n, const Part *part, double scale, double c
 
 static ptrdiff_t within_span(ptrdiff_t node) { return node < 0 ? 0 : node > LEDPI_LATTICE_SPAN ? LEDPI_LATTICE_SPAN : node; }
 
-/* What is in a part, by a table of what is before each row and column. */
+/* Sum over a part, by a table of sums over all before each row and column. */
 static double sum_in(double table[TABLE][TABLE], const Part *part) {
     const ptrdiff_t left = within_span(part->first[0]), right = within_span(part->first[0] + part->side);
     const ptrdiff_t top = within_span(part->first[1]), bottom = within_span(part->first[1] + part->side);

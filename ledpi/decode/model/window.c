@@ -5,7 +5,7 @@
 #include "kernels.h"
 #include "simd.h"
 
-/* Where a row at `y` enters a square, and where it leaves it: behind that, if they do not meet. */
+/* Places at which a row at `y` enters a square and leaves it: that before this, if they do not meet. */
 static void put_crossings(const double corners[8], double y, double crossings[2]) {
     crossings[0] = INFINITY, crossings[1] = -INFINITY;
     for (int i = 0; i < 4; i++) {
