@@ -14,9 +14,7 @@ enum { ROUNDS = 3 };
 enum { MOST = 256 }; /* in a picture: what has more is texture */
 #define SAME 0.25 /* cells: candidates no further apart lead to the same fit */
 #define LEAST_CELL 5.0 /* pixels, of the smallest picture in which a candidate is looked at */
-#define MOST_MOVE 0.1 /* half sides, in a round: as far as the slopes hold */
 #define SMALL_MOVE 0.004 /* a hundredth of a cell: it is there */
-#define LEAST_GAIN 0.2 /* share of a panel's own light: what moves it is divided by no less */
 #define FARTHEST 3.0 /* sizes of the picture */
 
 static double side_of(const double *c) {
@@ -93,20 +91,15 @@ static LEDPI_INLINE float squares_of(const GlanceTemplate *t, const GlanceHypoth
 
 /* Moves a square as its light has it. False once that is hardly anything, or beyond all bounds. */
 static LEDPI_INLINE bool moves(const GlanceTemplate *t, const double h[9], const float *light, double farthest, float *about, Point corners[4]) {
-    double ways[WAYS], gain = 0.0, most = 0.0;
+    double ways[WAYS], gain = 0.0;
+    Point next[4];
     for (ptrdiff_t i = 0; i < t->size; i++) about[i] = light[i] - t->panel.mean[i];
     for (ptrdiff_t k = 0; k < t->cells * t->cells; k++) gain += 1.0 + ledpi_product(t->gains + k * t->size, about, t->size);
-    gain = fmax(gain / (double)(t->cells * t->cells), LEAST_GAIN);
-    for (ptrdiff_t k = 0; k < WAYS; k++) {
-        ways[k] = ledpi_product(t->ways + k * t->size, about, t->size) / gain;
-        most = fmax(most, fabs(ways[k]));
-    }
-    if (!(most > SMALL_MOVE)) return false;
-    const double share = fmin(1.0, MOST_MOVE / most);
-    for (int k = 0; k < WAYS; k++) ways[k] *= share;
-    ledpi_panel_move(h, ways, (double[]){-1.0, -1.0}, (double[]){1.0, 1.0}, corners);
+    for (ptrdiff_t k = 0; k < WAYS; k++) ways[k] = ledpi_product(t->ways + k * t->size, about, t->size);
+    if (!(ledpi_panel_compose(h, ways, gain / (double)(t->cells * t->cells), next) > SMALL_MOVE)) return false;
     for (int i = 0; i < 4; i++)
-        if (!(fabs(corners[i].x) < farthest && fabs(corners[i].y) < farthest)) return false;
+        if (!(fabs(next[i].x) < farthest && fabs(next[i].y) < farthest)) return false;
+    memcpy(corners, next, sizeof next);
     return true;
 }
 

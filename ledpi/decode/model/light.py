@@ -16,7 +16,7 @@ from ledpi.core.shutter import linear_light, row_weights
 
 FEWEST_PX = 70  # a square of twice as many pixels along its side is averaged down: its light abounds
 FARTHEST = 8  # sizes of the picture: corners further out are none
-WAVE_STEPS = 512  # of a period; as in panel.h
+WAVE_STEPS: int = lib.WAVE_STEPS  # of a period
 
 
 @dataclass(frozen=True, slots=True, eq=False)
