@@ -1,7 +1,7 @@
 """Builds the compiled core: `ledpi.core._core`, one extension of all C files in FOLDERS.
 
-setup.py names `ffibuilder`. cffi makes the bindings from core.h, which the C files include, too: a declaration and its
-function cannot differ. By Python's limited API, so that one build serves every version from 3.10 on.
+setup.py names `ffibuilder`. cffi makes the bindings from core.h and unknowns.h, which the C files include, too: a
+declaration and its function cannot differ. By Python's limited API, so that one build serves every version from 3.10 on.
 """
 
 import re
@@ -18,14 +18,15 @@ SOURCES, HEADERS = ([path for room in ROOMS for path in sorted(room.glob(ending)
 DIGEST = sha256(b"".join(path.read_bytes() for path in (*SOURCES, *HEADERS))).hexdigest()
 
 ffibuilder = FFI()
-# cffi reads declarations, but no directives.
-ffibuilder.cdef(re.sub(r"^#.*$", "", Path("ledpi/core/core.h").read_text(encoding="utf-8"), flags=re.MULTILINE))
+for header in ("core/core.h", "decode/model/unknowns.h"):  # cffi reads declarations, but no directives
+    text = Path("ledpi", header).read_text(encoding="utf-8")
+    ffibuilder.cdef(re.sub(r"^#.*$", "", text, flags=re.MULTILINE))
 ffibuilder.cdef("char *ledpi_sources(void);")
 # What is not finite must stay so (degenerate quads are refused by it): no -ffast-math. No -march=native: a Pi's system
 # may be made on another Pi.
 ffibuilder.set_source(
     "ledpi.core._core",
-    f'#include "core.h"\nstatic char *ledpi_sources(void) {{ return "{DIGEST}"; }}\n',
+    f'#include "core.h"\n#include "unknowns.h"\nstatic char *ledpi_sources(void) {{ return "{DIGEST}"; }}\n',
     sources=[str(path) for path in SOURCES],
     depends=[str(path) for path in HEADERS],
     include_dirs=[str(room) for room in ROOMS],

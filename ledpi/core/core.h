@@ -113,6 +113,20 @@ void ledpi_glance_at(const GlanceTemplate *glance, const GlancePictures *in, flo
 ptrdiff_t ledpi_glance(const GlanceTemplate *glance, const GlancePictures *in, double smallest_px, ptrdiff_t at_once, ptrdiff_t turn,
                        float *work, ptrdiff_t most, Glimpse *glimpses);
 
+/* ---- Light of a part of a picture (window.c) */
+
+/* Linear light (rows, columns) of a picture that is `width` wide, from a pixel on; each of `shrink` pixels a side. Levels of what is
+ * dark there, of what is bright in the square with these corners, and of what is dark within that. */
+typedef struct {
+    const uint8_t *picture;
+    ptrdiff_t width, left, top, rows, columns, shrink;
+    const float *linear; /* (256) of each grey level */
+    double corners[8];
+    float *light, dark, bright, dimmed;
+} PanelWindow;
+
+bool ledpi_panel_window(PanelWindow *window);
+
 /* ---- A panel's picture, fitted to light (panel_fit.c) */
 
 typedef struct {

@@ -24,6 +24,20 @@ static inline ptrdiff_t ledpi_interpolation_pixel(float at, ptrdiff_t size, floa
     return pixel;
 }
 
+/* Quantiles: of the light around, what is taken for dark; of that within a square, for a panel's own. */
+#define LEDPI_DARK 0.05
+#define LEDPI_BRIGHT 0.8
+
+/* A quantile of grey levels, by how often each occurs. */
+static inline int ledpi_quantile(const int32_t counts[256], double share) {
+    int32_t total = 0, sum = 0;
+    for (int i = 0; i < 256; i++) total += counts[i];
+    const int32_t at = (int32_t)(share * total);
+    int level = 0;
+    while (level < 255 && (sum += counts[level]) <= at) level++;
+    return level;
+}
+
 typedef struct {
     double x, y;
 } Point;

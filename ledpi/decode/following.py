@@ -13,12 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, PanelSpec, Quad, read_only
+from ledpi.decode.evidence.evidence import RARE_Z
 from ledpi.decode.model.fit import EACH_FIT, Fitter
 from ledpi.decode.model.light import Window
 from ledpi.decode.model.panel import Followed
 from ledpi.decode.model.picture import PanelPicture, mean_of
 
-REACH = 0.1  # of the side, around the panel
+REACH = 0.1  # of the side, around a panel: how far off a proposal may be
 # Fits that a picture is the mean of, before the first frame that is followed and later: what one is off, and does not
 # say, all frames to come would be.
 FEWEST_FITS, MOST_FITS = 4, 8
@@ -28,9 +29,8 @@ FOLLOWED = 16
 # Of a side's length. An edge as wide as its blur is, in cells, then is off by 0.001 of the light beyond what its slope
 # by the blur says: a quarter of a grey level.
 MOST_CHANGE = 1.07
-# Deviations of the ratio of two variances: one frame in a thousand is fitted for nothing.
-Z = 3.1
-MIN_EXPLAINED = 0.9  # of the light's squares, as of a fit: less is what may stand there without the panel
+# Of the light's squares: what a panel's picture leaves has a deviation of less than a third of the light's own.
+MIN_EXPLAINED_FINELY = 0.9
 
 
 def shares_of(cell_bands: Floats) -> Floats:
@@ -71,10 +71,10 @@ class Follower:
             return None
         window = Window.cut(frame, corners_px, REACH, picture.window.shrink)
         found = None if window is None else self._look(frame, window, corners_px, picture)
-        if found is None or not found.settled or not found.explained >= MIN_EXPLAINED or any(found.hidden):
+        if found is None or not found.settled or not found.explained >= MIN_EXPLAINED_FINELY or any(found.hidden):
             return None
         ratio = found.variance / picture.variance
-        at_chance = ratio < 1.0 + Z * math.sqrt(4.0 / picture.independent)
+        at_chance = ratio < 1.0 + RARE_Z * math.sqrt(4.0 / picture.independent)
         if not (at_chance and math.isfinite(found.lit.sum() + found.covariance.sum())):
             return None
         quad = Quad(

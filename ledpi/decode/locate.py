@@ -12,7 +12,7 @@ from ledpi.decode.evidence.cells import MIN_CELL_PX, Lattice, Observation, sampl
 from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth, dimmest
 from ledpi.decode.finding.find import Glancer, Pyramid
 from ledpi.decode.finding.glance import template
-from ledpi.decode.following import Follower
+from ledpi.decode.following import MIN_EXPLAINED_FINELY, REACH, Follower
 from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, FitOptions, Fitted, Fitter, side_covariance
 from ledpi.decode.model.light import COARSE, FEWEST_PX, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
@@ -25,11 +25,9 @@ NO_LIGHT = Rejected(stage="fit", reason="no_light")
 # about as far apart as pixels are. But over no more rows than a quarter of a wave: samples that are half a wave apart
 # do not tell its cosine from its sine.
 FEWEST_CELL_PX, MOST_CYCLES = 12.0, 0.25
-REACH = 0.1  # of the side: how far off a proposal may be
-# Of the light's squares: the first fit, from corners that are off, must explain more than it leaves; of what a panel's
-# fit leaves in the end the deviation is less than a third of the light's own.
-MIN_EXPLAINED, MIN_EXPLAINED_FINELY = 0.5, 0.9
-# And where something seems to hide a side less than a fifth, as a lattice that is a part of a cell off looks so, too.
+MIN_EXPLAINED = 0.5  # of the light's squares: the first fit, from corners that are off, explains more than it leaves
+# Where something seems to hide a side, what is left has a deviation of less than a fifth of the light's: a lattice that
+# is a part of a cell off looks so, too.
 MIN_EXPLAINED_HIDDEN = 0.96
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
 LEAST_HIDDEN = MAX_SIGMA  # of a cell: a lattice that is off by less is not another one

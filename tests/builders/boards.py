@@ -59,11 +59,8 @@ def rendered(pose: Pose, noise: np.random.Generator, board: Board = BOARD) -> Pi
     column, row = np.floor(x), np.floor(y)
     on_squares = (abs(column - 2) <= 3) & (abs(row - 1.5) <= 2.5)
     on_paper = (abs(column - 2) <= 4) & (abs(row - 1.5) <= 3.5)
-    if board.kind == "charuco":  # as it is printed: its markers are OpenCV's
-        texels = np.clip(np.stack([y + 1, x + 1]) * TEXELS, 0, [[[6 * TEXELS - 1]], [[7 * TEXELS - 1]]]).astype(int)
-        black = board.black()[tuple(texels)]
-    else:
-        black = (column + row) % 2 == 0
+    texels = np.clip(np.stack([y + 1, x + 1]) * TEXELS, 0, [[[6 * TEXELS - 1]], [[7 * TEXELS - 1]]]).astype(int)
+    black = board.black()[tuple(texels)]  # as it is printed
     light = np.where(on_squares & black, 30.0, np.where(on_paper, 210.0, 90.0))
     sharp = light.reshape(480, 2, 640, 2).mean(axis=(1, 3))
     picture = cv2.GaussianBlur(sharp, (0, 0), 0.8) + noise.normal(0, 2, (480, 640))

@@ -23,7 +23,7 @@ def test_they_begin_with_a_noun_or_a_verb() -> None:
         for found in DOCSTRING.finditer(text)
     ]
     assert len(begins) > 1000
-    assert [at for at, word in begins if word in NEITHER] == []
+    assert [each for each in begins if each[1] in NEITHER] == []
 
 
 def test_those_in_c_do_so_too() -> None:
@@ -36,4 +36,4 @@ def test_those_in_c_do_so_too() -> None:
         for found in COMMENT.finditer(text)
     ]
     assert len(begins) > 400
-    assert [at for at, word in begins if word in NEITHER] == []
+    assert [each for each in begins if each[1] in NEITHER] == []

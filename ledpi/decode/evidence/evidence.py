@@ -23,6 +23,7 @@ UNFIT = Rejected(stage="identify", reason="unfit")
 # Of the cells' mean light: less is no cell's own. LEDs that differ by 15 % (a deviation) keep to more than twice that;
 # across a gap comes 0.05 to 0.15 where cells are 7 px, and 0.3 where they are 3 px.
 UNLIT = 1.0 / 3.0
+RARE_Z = 3.1  # deviations: noise goes further to one side in one case of a thousand
 
 
 class Evidence(NamedTuple):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ledpi.core.lens import bending_lens_of
 from ledpi.core.library import NONE, lib
 from ledpi.core.records import Floats, Intrinsics, PanelSpec, Singles
-from ledpi.decode.evidence.cells import Observation
+from ledpi.decode.evidence.cells import SAME_LATTICE, Observation
 from ledpi.decode.evidence.evidence import UNLIT, Evidence, erase_cells
 from ledpi.decode.evidence.waves import LEAST_DEPTH, band_prior
 from ledpi.decode.model.fit import pitch_px_of, solver_view
@@ -36,7 +36,6 @@ MOST_EACH: int = lib.LEDPI_MOST_EACH
 # hangs on where a wall's edge crosses it, in each cell by itself. Half of a small cell is left.
 WALL_PX, MOST_INSET = math.sqrt(0.5), 0.25
 EACH_LOOK, EACH_SAMPLE = 3000, 2  # places that a look costs, in those of a fit, and that each of its samples does
-SAME_GRID = 0.15  # by how much a panel may grow or shrink and keep its grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -131,10 +130,10 @@ class LightWeigher:
         """Tells whether the mean's grid still suits the panel's size in the picture; `decimate`: it may be thin."""
         each = self._each(seen, MOST_EACH_OF_SEVERAL)
         suits = (each, self._each(seen, MOST_EACH_OF_SEVERAL // THIN)) if decimate else (each,)
-        return any(abs(of - mean.each) <= max(1.0, SAME_GRID * mean.each) for of in suits)
+        return any(abs(of - mean.each) <= max(1.0, SAME_LATTICE * mean.each) for of in suits)
 
     def _each(self, seen: Observation, most: int = MOST_EACH) -> int:
-        pitch = pitch_px_of(seen.lattice_px / seen.window.shrink, self.cells)
+        pitch = pitch_px_of(seen.lattice_px, self.cells * seen.window.shrink)
         return min(most, max(FEWEST_EACH, round(math.sqrt(pitch[0] * pitch[1]))))
 
     def _weigh(
@@ -152,7 +151,7 @@ class LightWeigher:
         turns: Singles | None = None,
     ) -> tuple[Mean, Evidence | None]:
         cells, count, frame, window = self.cells, len(spec.waves_hz), seen.frame, seen.window
-        lines, steps_px = _lines(cells, each, pitch_px_of(seen.lattice_px / window.shrink, cells), wall_px)
+        lines, steps_px = _lines(cells, each, pitch_px_of(seen.lattice_px, cells * window.shrink), wall_px)
         unknown = seen.unknown if built is None else np.where(_built_in(cells), built, seen.unknown)
         shape, parameters = (len(lines), len(lines)), 2 * count
         light, valid, wave = (np.zeros(of, np.float32) for of in (shape, shape, (parameters, *shape)))

@@ -65,8 +65,7 @@ static ptrdiff_t put_runs(const uint8_t *lit, ptrdiff_t width, BlobRun *runs) {
         const uint64_t bits = bits_of(lit + x, width - x);
         for (uint64_t changes = bits ^ (bits << 1 | before); changes; changes &= changes - 1, ends++) {
             const int32_t at = (int32_t)x + __builtin_ctzll(changes);
-            if (ends % 2) runs[ends / 2].to = at;
-            else runs[ends / 2].from = at;
+            *(ends % 2 ? &runs[ends / 2].to : &runs[ends / 2].from) = at; /* without a branch, which nothing foretells */
         }
         before = bits >> 63;
     }

@@ -14,11 +14,7 @@ enum { ROUNDS = 3 };
 enum { MOST = 256 }; /* in a picture: what has more is texture */
 #define SAME 0.25 /* cells: candidates no further apart lead to the same fit */
 #define LEAST_CELL 5.0 /* pixels, of the smallest picture in which a candidate is looked at */
-#define DARKEST 0.05 /* quantiles: of the light around, what is taken for dark; of that within, for the panel's own */
-#define BRIGHT 0.8
-#define MOST_MOVE 0.1 /* half sides, in a round: as far as the slopes hold */
 #define SMALL_MOVE 0.004 /* a hundredth of a cell: it is there */
-#define LEAST_GAIN 0.2 /* share of a panel's own light: what moves it is divided by no less */
 #define FARTHEST 3.0 /* sizes of the picture */
 
 static double side_of(const double *c) {
@@ -32,6 +28,13 @@ static ptrdiff_t level_of(const PyramidPicture *pictures, ptrdiff_t count, doubl
     return level;
 }
 
+/* No less than 0, which what is not a number counts for, and no more than `most`. */
+static LEDPI_INLINE void limit(float most, Floats *of) {
+    const Floats least = {0}, end = least + most;
+    const Ints less = *of < end;
+    *of = (Floats)((((Ints)*of & less) | ((Ints)end & ~less)) & (*of > least));
+}
+
 /* Puts the samples (lines²) of a square's picture, by straight lines between pixels. */
 static LEDPI_INLINE void put_seen(const GlanceTemplate *t, const PyramidPicture *picture, double scale, const double h[9], float *seen) {
     const float right = (float)(picture->width - 1), bottom = (float)(picture->height - 1);
@@ -41,25 +44,23 @@ static LEDPI_INLINE void put_seen(const GlanceTemplate *t, const PyramidPicture 
         const float a = (float)(h[1] * v + h[2]), b = (float)(h[4] * v + h[5]), c = (float)(h[7] * v + h[8]);
         for (ptrdiff_t i = 0; i < t->lines; i += LEDPI_WIDTH) {
             const Floats u = *(const Floats *)(t->along + i), w = size / ((float)h[6] * u + c);
-            const Floats x = ((float)h[0] * u + a) * w + off, y = ((float)h[3] * u + b) * w + off;
-            for (ptrdiff_t lane = 0; lane < LEDPI_WIDTH && i + lane < t->lines; lane++) {
-                const float across = x[lane] > 0.0f ? fminf(x[lane], right) : 0.0f, down = y[lane] > 0.0f ? fminf(y[lane], bottom) : 0.0f;
-                const ptrdiff_t column = (ptrdiff_t)fminf(across, right - 1.0f), row = (ptrdiff_t)fminf(down, bottom - 1.0f);
-                const uint8_t *const above = picture->pixels + row * picture->width + column, *const below = above + picture->width;
-                const float of = across - (float)column;
-                const float upper = (float)above[0] + of * (float)(above[1] - above[0]), lower = (float)below[0] + of * (float)(below[1] - below[0]);
-                seen[j * t->lines + i + lane] = upper + (down - (float)row) * (lower - upper);
+            Floats across = ((float)h[0] * u + a) * w + off, down = ((float)h[3] * u + b) * w + off;
+            limit(right, &across), limit(bottom, &down);
+            Floats left = across, top = down;
+            limit(right - 1.0f, &left), limit(bottom - 1.0f, &top);
+            const Ints column = __builtin_convertvector(left, Ints), row = __builtin_convertvector(top, Ints);
+            float before[2][2][LEDPI_WIDTH]; /* the four pixels around */
+            for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
+                const uint8_t *const above = picture->pixels + row[lane] * picture->width + column[lane], *const below = above + picture->width;
+                before[0][0][lane] = (float)above[0], before[0][1][lane] = (float)above[1];
+                before[1][0][lane] = (float)below[0], before[1][1][lane] = (float)below[1];
             }
+            across -= __builtin_convertvector(column, Floats), down -= __builtin_convertvector(row, Floats);
+            const Floats *const corner = (const Floats *)before;
+            const Floats upper = corner[0] + across * (corner[1] - corner[0]), lower = corner[2] + across * (corner[3] - corner[2]);
+            *(Floats *)(seen + j * t->lines + i) = upper + down * (lower - upper); /* the next row overwrites those beyond its lines */
         }
     }
-}
-
-static float quantile(const int32_t counts[256], double share) {
-    int32_t total = 0, sum = 0, level = 0;
-    for (int i = 0; i < 256; i++) total += counts[i];
-    const int32_t at = (int32_t)(share * total);
-    while (level < 255 && (sum += counts[level]) <= at) level++;
-    return (float)level;
 }
 
 /* Grey levels: of what is bright in a panel and what is dimmed there, and of what is dark around. */
@@ -71,9 +72,9 @@ static LEDPI_INLINE Levels levels_of(const GlanceTemplate *t, const float *seen)
     int32_t counts[2][256];
     memset(counts, 0, sizeof counts);
     for (ptrdiff_t i = 0; i < t->lines * t->lines; i++) counts[t->inside[i]][(int)seen[i] & 255]++;
-    const float bright = quantile(counts[1], BRIGHT), dimmed = quantile(counts[1], DARKEST);
+    const int bright = ledpi_quantile(counts[1], LEDPI_BRIGHT), dimmed = ledpi_quantile(counts[1], LEDPI_DARK);
     for (int i = 0; i < 256; i++) counts[0][i] += counts[1][i];
-    return (Levels){quantile(counts[0], DARKEST), dimmed, bright};
+    return (Levels){(float)ledpi_quantile(counts[0], LEDPI_DARK), (float)dimmed, (float)bright};
 }
 
 /* Squares of the light about a hypothesis' mean, over its variance: what the `ranks` directions in which it varies explain
@@ -90,20 +91,15 @@ static LEDPI_INLINE float squares_of(const GlanceTemplate *t, const GlanceHypoth
 
 /* Moves a square as its light has it. False once that is hardly anything, or beyond all bounds. */
 static LEDPI_INLINE bool moves(const GlanceTemplate *t, const double h[9], const float *light, double farthest, float *about, Point corners[4]) {
-    double ways[WAYS], gain = 0.0, most = 0.0;
+    double ways[WAYS], gain = 0.0;
+    Point next[4];
     for (ptrdiff_t i = 0; i < t->size; i++) about[i] = light[i] - t->panel.mean[i];
     for (ptrdiff_t k = 0; k < t->cells * t->cells; k++) gain += 1.0 + ledpi_product(t->gains + k * t->size, about, t->size);
-    gain = fmax(gain / (double)(t->cells * t->cells), LEAST_GAIN);
-    for (ptrdiff_t k = 0; k < WAYS; k++) {
-        ways[k] = ledpi_product(t->ways + k * t->size, about, t->size) / gain;
-        most = fmax(most, fabs(ways[k]));
-    }
-    if (!(most > SMALL_MOVE)) return false;
-    const double share = fmin(1.0, MOST_MOVE / most);
-    for (int k = 0; k < WAYS; k++) ways[k] *= share;
-    ledpi_panel_move(h, ways, (double[]){-1.0, -1.0}, (double[]){1.0, 1.0}, corners);
+    for (ptrdiff_t k = 0; k < WAYS; k++) ways[k] = ledpi_product(t->ways + k * t->size, about, t->size);
+    if (!(ledpi_panel_compose(h, ways, gain / (double)(t->cells * t->cells), next) > SMALL_MOVE)) return false;
     for (int i = 0; i < 4; i++)
-        if (!(fabs(corners[i].x) < farthest && fabs(corners[i].y) < farthest)) return false;
+        if (!(fabs(next[i].x) < farthest && fabs(next[i].y) < farthest)) return false;
+    memcpy(corners, next, sizeof next);
     return true;
 }
 

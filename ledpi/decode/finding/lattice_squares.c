@@ -19,14 +19,7 @@ enum { MOST_LEDS = 3 }; /* along a cell: each may be seen by itself */
 enum { PASSES = 3 }; /* in which a homography's weights settle */
 enum { BESIDE = 2 }; /* rows of other spots that may continue a lattice of cells: one on each side */
 enum { MOST_PIECES = 40000, MOST_BLOBS = 1500, MOST_LATTICES = 400 }; /* in a picture: what has more is texture */
-enum { SPAN_NODES = LEDPI_LATTICE_SPAN * LEDPI_LATTICE_SPAN, NUMBERS = 8 };
-
-typedef struct {
-    BlobPiece pieces[MOST_PIECES];
-    Blob blobs[MOST_BLOBS];
-    uint8_t used[MOST_BLOBS];
-    int32_t lattices[MOST_LATTICES][SPAN_NODES];
-} BlobRoom;
+enum { SPAN_NODES = LEDPI_LATTICE_SPAN * LEDPI_LATTICE_SPAN, TABLE = LEDPI_LATTICE_SPAN + 1, NUMBERS = 8 };
 
 /* Each of `count` sums and the one `on` further. */
 static inline void add(const uint16_t *restrict sums, ptrdiff_t on, ptrdiff_t count, uint16_t *restrict into) {
@@ -81,33 +74,40 @@ LEDPI_SIMD_BYTES static void put_lit(const PyramidPicture *from, ptrdiff_t reach
 /* Nodes of a lattice, and where they are seen; both about their mean, in deviations. */
 typedef struct {
     ptrdiff_t count, node[2][SPAN_NODES], low[2], high[2];
-    double at[2][SPAN_NODES], area[SPAN_NODES], mean[2][2], spread[2]; /* mean: of nodes, of places; spread likewise */
+    double at[2][SPAN_NODES], mean[2][2], spread[2]; /* mean: of nodes, of places; spread likewise */
+    double seen[TABLE][TABLE], area[TABLE][TABLE]; /* sums over the nodes before a row and a column: of 1, of their area */
 } Nodes;
 
-static Nodes nodes_of(const int32_t *lattice, const Blob *blobs) {
-    Nodes n = {.low = {LEDPI_LATTICE_SPAN, LEDPI_LATTICE_SPAN}, .high = {-1, -1}};
+static void put_nodes(const int32_t *lattice, const Blob *blobs, Nodes *n) {
     double squares[2] = {0.0, 0.0}, sums[2][2] = {{0.0}};
-    for (ptrdiff_t k = 0; k < SPAN_NODES; k++) {
-        if (lattice[k] < 0) continue;
-        const ptrdiff_t node[2] = {k % LEDPI_LATTICE_SPAN, k / LEDPI_LATTICE_SPAN};
-        const double at[2] = {blobs[lattice[k]].x, blobs[lattice[k]].y};
-        for (int axis = 0; axis < 2; axis++) {
-            n.node[axis][n.count] = node[axis], n.at[axis][n.count] = at[axis];
-            n.low[axis] = node[axis] < n.low[axis] ? node[axis] : n.low[axis];
-            n.high[axis] = node[axis] > n.high[axis] ? node[axis] : n.high[axis];
-            sums[0][axis] += (double)node[axis], sums[1][axis] += at[axis];
+    n->count = 0;
+    for (int axis = 0; axis < 2; axis++) n->low[axis] = LEDPI_LATTICE_SPAN, n->high[axis] = -1;
+    for (ptrdiff_t j = 0; j < LEDPI_LATTICE_SPAN; j++) {
+        double seen = 0.0, area = 0.0;
+        for (ptrdiff_t i = 0; i < LEDPI_LATTICE_SPAN; i++) {
+            const int32_t blob = lattice[j * LEDPI_LATTICE_SPAN + i];
+            if (blob >= 0) {
+                const ptrdiff_t node[2] = {i, j};
+                const double at[2] = {blobs[blob].x, blobs[blob].y};
+                for (int axis = 0; axis < 2; axis++) {
+                    n->node[axis][n->count] = node[axis], n->at[axis][n->count] = at[axis];
+                    n->low[axis] = node[axis] < n->low[axis] ? node[axis] : n->low[axis];
+                    n->high[axis] = node[axis] > n->high[axis] ? node[axis] : n->high[axis];
+                    sums[0][axis] += (double)node[axis], sums[1][axis] += at[axis];
+                }
+                n->count++, seen += 1.0, area += blobs[blob].area;
+            }
+            n->seen[j + 1][i + 1] = n->seen[j][i + 1] + seen, n->area[j + 1][i + 1] = n->area[j][i + 1] + area;
         }
-        n.area[n.count++] = blobs[lattice[k]].area;
     }
     for (int of = 0; of < 2; of++)
-        for (int axis = 0; axis < 2; axis++) n.mean[of][axis] = sums[of][axis] / (double)n.count;
-    for (ptrdiff_t k = 0; k < n.count; k++)
+        for (int axis = 0; axis < 2; axis++) n->mean[of][axis] = sums[of][axis] / (double)n->count;
+    for (ptrdiff_t k = 0; k < n->count; k++)
         for (int axis = 0; axis < 2; axis++) {
-            const double node = (double)n.node[axis][k] - n.mean[0][axis], at = n.at[axis][k] - n.mean[1][axis];
+            const double node = (double)n->node[axis][k] - n->mean[0][axis], at = n->at[axis][k] - n->mean[1][axis];
             squares[0] += node * node, squares[1] += at * at;
         }
-    for (int of = 0; of < 2; of++) n.spread[of] = sqrt(squares[of] / (double)(2 * n.count)) + 1e-9;
-    return n;
+    for (int of = 0; of < 2; of++) n->spread[of] = sqrt(squares[of] / (double)(2 * n->count)) + 1e-9;
 }
 
 /* Some rows and columns of a lattice: the first of `side` each. */
@@ -190,13 +190,13 @@ static bool put_corners(const Nodes *n, const Part *part, double scale, double c
     return true;
 }
 
-/* Number of a part's nodes that are seen, and their area. */
-static ptrdiff_t seen_in(const Nodes *n, const Part *part, double *area) {
-    ptrdiff_t seen = 0;
-    *area = 0.0;
-    for (ptrdiff_t k = 0; k < n->count; k++)
-        if (is_in(n, part, k)) *area += n->area[k], seen++;
-    return seen;
+static ptrdiff_t within_span(ptrdiff_t node) { return node < 0 ? 0 : node > LEDPI_LATTICE_SPAN ? LEDPI_LATTICE_SPAN : node; }
+
+/* Sum over a part, by a table of sums over all before each row and column. */
+static double sum_in(double table[TABLE][TABLE], const Part *part) {
+    const ptrdiff_t left = within_span(part->first[0]), right = within_span(part->first[0] + part->side);
+    const ptrdiff_t top = within_span(part->first[1]), bottom = within_span(part->first[1] + part->side);
+    return (table[bottom][right] - table[bottom][left]) - (table[top][right] - table[top][left]);
 }
 
 /* Tells whether cells of this area, in pixels of `scale`, fill a panel with these corners but for their walls. */
@@ -210,7 +210,7 @@ static bool are_full(double area, ptrdiff_t seen, ptrdiff_t side, double scale, 
  * where something continues them. Of a panel before what is as bright only the inner cells may be seen, as nothing parts the others
  * from it; these are full then. A larger lattice of LEDs is none: it has so many rows that chance continues none of them.
  * Returns how many. */
-static ptrdiff_t add_panels(const Nodes *n, ptrdiff_t cells, double scale, ptrdiff_t most, double (*found)[4][2]) {
+static ptrdiff_t add_panels(Nodes *n, ptrdiff_t cells, double scale, ptrdiff_t most, double (*found)[4][2]) {
     ptrdiff_t count = 0;
     for (ptrdiff_t leds = 1; leds <= MOST_LEDS; leds++) {
         const ptrdiff_t side = cells * leds, few = side + (leds == 1 ? BESIDE : 0), inner = leds == 1 ? cells - 2 : side;
@@ -223,15 +223,22 @@ static ptrdiff_t add_panels(const Nodes *n, ptrdiff_t cells, double scale, ptrdi
         for (ptrdiff_t x = from[0]; x <= to[0]; x++)
             for (ptrdiff_t y = from[1]; y <= to[1]; y++) {
                 const Part part = {{x, y}, side}, within = {{x + 1, y + 1}, inner};
-                double area, inner_area = 0.0;
-                const bool is_seen = (double)seen_in(n, &part, &area) >= MIN_SEEN * (double)(side * side);
-                if (!is_seen && seen_in(n, &within, &inner_area) < inner * inner) continue;
+                const bool is_seen = sum_in(n->seen, &part) >= MIN_SEEN * (double)(side * side);
+                if (!is_seen && sum_in(n->seen, &within) < (double)(inner * inner)) continue;
                 if (count == most || !put_corners(n, &part, scale, found[count])) continue;
-                count += is_seen || are_full(inner_area, inner * inner, side, scale, found[count]);
+                count += is_seen || are_full(sum_in(n->area, &within), inner * inner, side, scale, found[count]);
             }
     }
     return count;
 }
+
+typedef struct {
+    BlobPiece pieces[MOST_PIECES];
+    Blob blobs[MOST_BLOBS];
+    uint8_t used[MOST_BLOBS];
+    int32_t lattices[MOST_LATTICES][SPAN_NODES];
+    Nodes nodes; /* the tables' first rows and columns stay zeros */
+} BlobRoom;
 
 static ptrdiff_t room_of(ptrdiff_t height, ptrdiff_t width, ptrdiff_t *runs, ptrdiff_t *sums, ptrdiff_t *lit) {
     *runs = (ptrdiff_t)sizeof(BlobRoom);
@@ -254,6 +261,7 @@ ptrdiff_t ledpi_lattice_squares(const PyramidPicture *pictures, ptrdiff_t count,
     room_of(pictures->height, pictures->width, &runs_at, &sums_at, &lit_at);
     BlobRun *const runs = (BlobRun *)(room + runs_at);
     uint8_t *const lit = room + lit_at;
+    memset(&own->nodes, 0, sizeof own->nodes);
     for (ptrdiff_t level = 0; level < count; level++)
         for (size_t around = level ? 0 : 1; around < sizeof AROUND / sizeof *AROUND; around++) {
             const PyramidPicture *const seen = pictures + level;
@@ -264,8 +272,8 @@ ptrdiff_t ledpi_lattice_squares(const PyramidPicture *pictures, ptrdiff_t count,
             const ptrdiff_t lattices = ledpi_lattices(own->blobs, blobs, (cells - 2) * (cells - 2), own->used,
                                                       MOST_LATTICES, own->lattices[0]);
             for (ptrdiff_t k = 0; k < lattices; k++) {
-                const Nodes nodes = nodes_of(own->lattices[k], own->blobs);
-                squares += add_panels(&nodes, cells, (double)(1 << level), most - squares, found + squares);
+                put_nodes(own->lattices[k], own->blobs, &own->nodes);
+                squares += add_panels(&own->nodes, cells, (double)(1 << level), most - squares, found + squares);
             }
         }
     return squares;

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Floats
-from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.evidence import RARE_Z, Evidence
 from ledpi.decode.identify.codewords import class_flip_gain
 from ledpi.decode.identify.model_error import MODEL_VARIANCE
 
@@ -25,7 +25,6 @@ UNCHANGED_NATS = 0.2
 # To confirm a panel, the evidence for it must be so many times the evidence for other classes. If another codeword is
 # there, which differs in a quarter of the cells or more (DICT_4X4_50), the two are about equal.
 CONFIRMATION_RATIO = 4.0
-Z = 3.1  # deviations: of a thousand frames one
 
 
 class Innovation(NamedTuple):
@@ -75,7 +74,7 @@ def confirms(alone: Evidence | None, cell_bands: Floats) -> bool:
 def enough_to_confirm(cells: int) -> float:
     """Log-likelihood ratio to no bands, in nats, at which all frames but one in 1,000 confirm a panel of so many cells.
 
-    It is normal with mean E and variance 2E: the E of which E − Z·√(2E) is as much as is asked for.
+    It is normal with mean E and variance 2E: the E of which E − RARE_Z·√(2E) is as much as is asked for.
     """
     asked = CONTRADICTION_NATS + CONFIRMATION_RATIO * UNCHANGED_NATS * cells
-    return 0.5 * (Z + math.sqrt(Z**2 + 2.0 * asked)) ** 2
+    return 0.5 * (RARE_Z + math.sqrt(RARE_Z**2 + 2.0 * asked)) ** 2

@@ -16,10 +16,9 @@ import math
 import numpy as np
 
 from ledpi.core.records import Floats, Singles
-from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.evidence import RARE_Z, Evidence
 from ledpi.decode.identify.codewords import Fit, rank_codewords
 
-DEVIATIONS = 3.0  # by which noise may leave more than it does on average: once in a thousand
 # Of what a codeword explains: the bands of one panel's cells differ by a quarter, a deviation.
 MODEL_VARIANCE = 1.0 / 16.0
 LEAST_INFORMATION, LEAST_SQUARE = 1e-9, 1e-12  # of a band: less is none, and nothing is divided by it
@@ -59,7 +58,7 @@ def _share_of_error(evidence: Evidence, fit: Fit) -> Floats:
 def _most_of_noise(freedom: int) -> float:
     """Returns what χ² exceeds once in a thousand, after Wilson and Hilferty: its cube root is nearly normal."""
     variance = 2.0 / (9.0 * freedom)
-    return freedom * float((1.0 - variance + DEVIATIONS * math.sqrt(variance)) ** 3)
+    return freedom * float((1.0 - variance + RARE_Z * math.sqrt(variance)) ** 3)
 
 
 def _mean_square(fit: Fit) -> Floats:
@@ -90,10 +89,10 @@ def _misfit(evidence: Evidence, fit: Fit) -> float:
 
 
 def _allowed_misfit(evidence: Evidence, fit: Fit) -> float:
-    """Returns what noise leaves at most, half of a χ² and DEVIATIONS more, and a share of what the codeword explains.
+    """Returns what noise leaves at most, half of a χ² and RARE_Z deviations, and some of what the codeword explains.
 
     Of that no more than a nat a cell: there a cell's noise is as large as the model's error may be.
     """
     cells = len(fit.gain) - (0 if fit.erased is None else int(np.count_nonzero(fit.erased)))
     mean = 0.5 * (cells - 1) * len(evidence.prior)
-    return mean + DEVIATIONS * math.sqrt(mean) + min(MODEL_VARIANCE * fit.likelihood[0], cells)
+    return mean + RARE_Z * math.sqrt(mean) + min(MODEL_VARIANCE * fit.likelihood[0], cells)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ledpi.decode.evidence.classes import flip_classes
-from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.evidence import RARE_Z, Evidence
 from ledpi.decode.identify.codewords import Fit
 
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
@@ -15,7 +15,6 @@ from ledpi.decode.identify.codewords import Fit
 # own, the panel is no longer seen to be lit. Texture knows of none of this.
 MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
 MAX_DEPTH_RATIO = 2.5
-DEVIATIONS = 3.0  # allowed to either, for noise
 # Log odds by which a row of cells may be without bands, over having its codeword's: where the exposure has left
 # none of its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
 MOST_AGAINST = 2.0
@@ -24,8 +23,8 @@ MOST_AGAINST = 2.0
 def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evidence) -> bool:
     """Tells whether square waves, seen through this exposure, can look like these waves of one panel."""
     expected = [math.sqrt(2.0 * variance) for variance in evidence.prior[::2].tolist()]
-    most = [(a + DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
-    least = [(a - DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
+    most = [(a + RARE_Z * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
+    least = [(a - RARE_Z * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
     if max(least) > MAX_DEPTH or min(most) < MIN_DEPTH:
         return False
     return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]

@@ -94,7 +94,7 @@ class Fitter:
     ) -> Fitted | Rejected:
         """From corners (4, 2) of the lattice, or why it comes to nothing. `known`: unknowns to begin with."""
         cells = self._cells
-        pitch_px = pitch_px_of(corners_px / window.shrink, cells)
+        pitch_px = pitch_px_of(corners_px, cells * window.shrink)
         lines = grid(cells, round(min(pitch_px), 1), coarse=options.coarse)
         if len(lines) > MOST_LINES:
             return DIVERGED
@@ -148,16 +148,17 @@ def solver_view(window: Window, intrinsics: Intrinsics | None, lens: Floats | No
 
 def _fitted(fit: Any, unknown: Floats, window: Window, spec: PanelSpec) -> Fitted | Rejected:
     lattice, lit = _copied(fit.corners).reshape(4, 2), _copied(fit.lit).reshape(4, 2)
-    if not np.isfinite(lattice.sum() + lit.sum()):
+    if not math.isfinite(sum(fit.corners) + sum(fit.lit)):
         return DIVERGED
+    blur, smear = unknown[BLUR], unknown[SMEAR]
     return Fitted(
         lattice_px=read_only(lattice),
         corners_px=read_only(lit),
-        hidden=read_only(_copied(fit.hidden)[[2, 1, 3, 0]]),
+        hidden=_by_side(fit.hidden),
         covariance_px2=read_only(_copied(fit.covariance).reshape(8, 8)),
-        rim_variance=read_only(_copied(fit.rim_variance)[[2, 1, 3, 0]]),
+        rim_variance=_by_side(fit.rim_variance),
         jackknife_px2=read_only(_copied(fit.jackknife).reshape(8, 8)),
-        blur_px=read_only(window.shrink * np.exp(unknown[BLUR] + unknown[SMEAR] * np.array([1.0, -1.0]))),
+        blur_px=read_only(np.array([window.shrink * math.exp(of) for of in (blur + smear, blur - smear)])),
         settled=fit.settled,
         explained=fit.explained,
         residual=fit.variance * (window.bright - window.dark),
@@ -170,10 +171,16 @@ def _copied(numbers: Any) -> Floats:
     return np.frombuffer(ffi.buffer(numbers)).copy()
 
 
+def _by_side(numbers: Any) -> Floats:
+    """(4,) those of left, right, above and below, from one corner to the next."""
+    left, right, above, below = numbers
+    return read_only(np.array([above, right, below, left]))
+
+
 def pitch_px_of(corners_px: Floats, cells: int) -> tuple[float, float]:
     """A cell's mean width and height."""
-    a, b, c, d = corners_px
-    return float(np.hypot(*(b + c - a - d))) / (2 * cells), float(np.hypot(*(c + d - a - b))) / (2 * cells)
+    a, b, c, d = (complex(x, y) for x, y in corners_px.tolist())
+    return abs(b + c - a - d) / (2 * cells), abs(c + d - a - b) / (2 * cells)
 
 
 def side_covariance(lattice_px: Floats, unknown: Floats, rim_variance: Floats, hidden: Floats, cells: int) -> Floats:

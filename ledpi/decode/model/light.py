@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 
 from ledpi.core.geometry import quad_side
+from ledpi.core.library import ffi, lib, pointer
 from ledpi.core.records import Floats, Frame, PanelSpec, Singles, read_only
 from ledpi.core.shutter import linear_light, row_weights
 
 FEWEST_PX = 70  # a square of twice as many pixels along its side is averaged down: its light abounds
 FARTHEST = 8  # sizes of the picture: corners further out are none
-WAVE_STEPS = 512  # of a period; as in panel.h
-# Quantiles: of the light around, what is taken for dark; of that within the square, for a panel's own and for dimmed.
-DARK, BRIGHT = 0.05, 0.8
-ENOUGH = 1000  # pixels, for a quantile
+WAVE_STEPS: int = lib.WAVE_STEPS  # of a period
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,9 +27,9 @@ class Window:
     first: tuple[float, float]  # x, y of the first one's centre in the picture
     shrink: int  # pixels of the picture, along a side
     picture: tuple[int, int]  # its rows and columns
-    dark: float = 0.0  # levels of what is dark there, and of the square's own light
-    bright: float = 1.0
-    dimmed: float = 0.0  # level of what is dark within the square, as in bands
+    dark: float  # levels of what is dark there, and of the square's own light
+    bright: float
+    dimmed: float  # level of what is dark within the square, as in bands
 
     @classmethod
     def crop(cls, frame: Frame, corners_px: Floats, reach: float, fewest_px: float = FEWEST_PX) -> Window | None:
@@ -41,40 +39,29 @@ class Window:
         """
         side_px = min(quad_side(corners_px.tolist()), max(frame.pixels.shape))
         window = cls.cut(frame, corners_px, reach, max(1, int(side_px // fewest_px)))
-        if window is None:
-            return None
-        light = window.light
-        inside = np.zeros(light.shape, np.uint8)
-        cv2.fillConvexPoly(inside, np.round((corners_px - window.first) / window.shrink).astype(np.int32), 1)
-        own = light[inside.view(np.bool_)]
-        if not len(own):
-            return None
-        dark, bright = _quantile(light[::2, ::2].reshape(-1), DARK), _quantile(own, BRIGHT)
-        dimmed = _quantile(own[:: max(1, len(own) // ENOUGH)], DARK)
-        return cls(light, window.first, window.shrink, window.picture, dark, bright, dimmed) if bright > dark else None
+        return window if window is not None and window.bright > window.dark else None
 
     @classmethod
     def cut(cls, frame: Frame, corners_px: Floats, reach: float, shrink: int) -> Window | None:
-        """The same averaged down by so many pixels, its levels those of no light and full light."""
-        height, width = frame.pixels.shape
-        if not np.abs(corners_px).max() < FARTHEST * max(height, width):
+        """The same averaged down by so many pixels, whatever it shows; None where too little is in the picture."""
+        (height, width), corners = frame.pixels.shape, corners_px.tolist()
+        across, down = zip(*corners, strict=True)
+        if not all(abs(at) < FARTHEST * max(height, width) for at in across + down):
             return None
-        reach_px = reach * quad_side(corners_px.tolist()) + 3.0
-        (left, top), (right, bottom) = corners_px.min(axis=0) - reach_px, corners_px.max(axis=0) + reach_px
-        x, y = max(0, int(left)), max(0, int(top))
-        columns = (min(width, int(right) + 2) - x) // shrink
-        rows = (min(height, int(bottom) + 2) - y) // shrink
+        reach_px = reach * quad_side(corners) + 3.0
+        x, y = max(0, int(min(across) - reach_px)), max(0, int(min(down) - reach_px))
+        columns = (min(width, int(max(across) + reach_px) + 2) - x) // shrink
+        rows = (min(height, int(max(down) + reach_px) + 2) - y) // shrink
         if min(columns, rows) < 2:
             return None
-        patch = frame.pixels[y : y + rows * shrink, x : x + columns * shrink]
-        light = cv2.LUT(patch, linear_light(frame.transfer, mark_saturated=False))
-        if shrink > 1:
-            light = cv2.resize(light, (columns, rows), interpolation=cv2.INTER_AREA)
-        return cls(light, (x + (shrink - 1) / 2, y + (shrink - 1) / 2), shrink, (height, width))
-
-
-def _quantile(light: Singles, share: float) -> float:
-    return float(np.partition(light, at := int(share * len(light)))[at])
+        light = np.empty((rows, columns), np.float32)
+        linear = linear_light(frame.transfer, mark_saturated=False)
+        part = (pointer(frame.pixels), width, x, y, rows, columns, shrink, pointer(linear))
+        put = ffi.new("PanelWindow *", (*part, [*itertools.chain(*corners)], pointer(light)))
+        if not lib.ledpi_panel_window(put):
+            return None
+        first = (x + (shrink - 1) / 2, y + (shrink - 1) / 2)
+        return cls(light, first, shrink, (height, width), put.dark, put.bright, put.dimmed)
 
 
 @lru_cache(maxsize=64)

@@ -7,17 +7,12 @@
 #include "kernels.h"
 #include "normal.h"
 #include "lens.h"
+#include "unknowns.h"
 
 enum {
-    WAYS = 8, /* in which a homography can be wrong */
-    HARMONICS = 4, SHAPES = 13, /* in a cell's profile along a cell, and in both together */
-    OWN = 3, /* unknowns of a cell: its gain, and how much it shows of either class's wave */
-    /* Indices of the unknowns: those of the panel, then each cell's OWN. As in decode/model/prior.py. */
-    BLUR = WAYS, GAP, RIM, SHAPE = RIM + 4, PHASE = SHAPE + SHAPES, BESIDE = PHASE + 2, DARK = BESIDE + 4, ASIDE, DEPTH = ASIDE + 2, GLOW, SMEAR, COMMON,
     RESIDUAL = COMMON, DENSE = 40, /* columns of a sample: COMMON, its residual, and what pads them */
     MOST_CELLS = LEDPI_MOST_SIDE, MOST_ROWS = 512,
     MOST_OWN = OWN * MOST_CELLS * MOST_CELLS, MOST_UNKNOWN = COMMON + MOST_OWN,
-    WAVE_STEPS = 512, /* in a period */
 };
 
 #define NO_LIGHT 1e-3f /* × a cell's own: less is none */
@@ -123,5 +118,9 @@ Bands ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, c
 /* Corners of a square that reaches from `low` to `high`, (across, down) each, in −1..1, once the homography has been wrong by
  * these WAYS (panel_corners.c). */
 void ledpi_panel_move(const double h[9], const double *ways, const double low[2], const double high[2], Point corners[4]);
+
+/* Moves a square by the inverse of what its template would (inverse composition): by `ways` over the `gain` of its light, but only
+ * as far as slopes hold. Returns by how much of half its side it should (panel_corners.c). */
+double ledpi_panel_compose(const double h[9], const double *ways, double gain, Point corners[4]);
 
 #endif

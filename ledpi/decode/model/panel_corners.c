@@ -7,6 +7,8 @@
 
 /* In cells: further within than another side's, light ends at what hides the rest; two deviations of RIM_SIGMA of prior.py. */
 static const double HIDDEN = 0.06;
+#define MOST_MOVE 0.1 /* half sides, in a round: as far as the slopes hold */
+#define LEAST_GAIN 0.2 /* share of a template's light: what moves a panel is divided by no less */
 
 void ledpi_panel_move(const double h[9], const double *ways, const double low[2], const double high[2], Point corners[4]) {
     const double ends[4][2] = {{low[0], low[1]}, {high[0], low[1]}, {high[0], high[1]}, {low[0], high[1]}};
@@ -17,6 +19,15 @@ void ledpi_panel_move(const double h[9], const double *ways, const double low[2]
         const double w = h[6] * u + h[7] * v + h[8];
         corners[i] = (Point){(h[0] * u + h[1] * v + h[2]) / w, (h[3] * u + h[4] * v + h[5]) / w};
     }
+}
+
+double ledpi_panel_compose(const double h[9], const double *ways, double gain, Point corners[4]) {
+    double moved[WAYS], most = 0.0;
+    for (int k = 0; k < WAYS; k++) most = fmax(most, fabs(moved[k] = ways[k] / fmax(gain, LEAST_GAIN)));
+    const double share = fmin(1.0, MOST_MOVE / most);
+    for (int k = 0; k < WAYS; k++) moved[k] *= share;
+    ledpi_panel_move(h, moved, (double[]){-1.0, -1.0}, (double[]){1.0, 1.0}, corners);
+    return most;
 }
 
 /* Which side's rim says how far within the lattice's end each side (4) ends: its own; where something hides it the second

@@ -11,10 +11,8 @@
 #include "simd.h"
 
 enum { ROUNDS = 6, MOST_BANDS = 4, MOST_SLOPES = COMMON + MOST_CELLS * MOST_CELLS };
-#define MOST_MOVE 0.1 /* half sides, in a round: as far as the slopes hold */
 #define SMALL_MOVE 1e-3 /* half sides: what the next round would move is a tenth of it, or less */
 #define MOST_LOST 0.01 /* share of the picture's weight: the covariance, which does not know of it, is too small by as much */
-#define LEAST_GAIN 0.2 /* share of the light when it was fitted: what moves a panel is divided by no less */
 
 /* The pixel of a place in the panel, and how that changes with the place. */
 static void put_pixel(const double h[9], const Lens *lens, const double place[2], double pixel[2], double by[2][2]) {
@@ -230,17 +228,12 @@ static LEDPI_SIMD void put_left(const PanelPicture *p, Frame *frame, PanelFit *i
     into->explained = 1.0 - left2 / fmax(light2 - light * light / fmax(used, 1e-12), 1e-12);
 }
 
-/* Moves the panel as its light has it. Returns by how much of half its side. */
-static double moved(const PanelPicture *p, const double h[9], const double *step, Fitting *fit) {
+/* The light of all cells over that when they were fitted. */
+static double gain_of(const Fitting *fit, const double *step) {
     const ptrdiff_t cells = fit->panel.cells;
-    double ways[WAYS], gain = 0.0, usual = 0.0, most = 0.0;
+    double usual = 0.0, gain = 0.0;
     for (ptrdiff_t c = 0; c < cells * cells; c++) usual += fit->unknown[COMMON + OWN * c], gain += step[COMMON + c];
-    gain = fmax(1.0 + gain / usual, LEAST_GAIN);
-    for (int k = 0; k < WAYS; k++) most = fmax(most, fabs(ways[k] = step[k] / gain));
-    const double share = fmin(1.0, MOST_MOVE / most);
-    for (int k = 0; k < WAYS; k++) ways[k] *= share;
-    ledpi_panel_move(h, ways, (double[]){-1.0, -1.0}, (double[]){1.0, 1.0}, fit->corners);
-    return most;
+    return 1.0 + gain / usual;
 }
 
 bool ledpi_follow_panel(PanelFit *asked, const PanelPicture *p, float *room) {
@@ -261,7 +254,7 @@ bool ledpi_follow_panel(PanelFit *asked, const PanelPicture *p, float *room) {
             put_bands(p, asked->cycles_a_row, &frame);
             take_bands_off(p, &frame);
         }
-        most = moved(p, h, frame.step, &fit);
+        most = ledpi_panel_compose(h, frame.step, gain_of(&fit, frame.step), fit.corners);
         if (!isfinite(most)) return false;
         asked->sampled += p->lines * p->lines;
     }

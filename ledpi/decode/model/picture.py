@@ -66,7 +66,7 @@ class PanelPicture:
         """The picture that these unknowns make of a panel, where it is; None where light tells too little."""
         assert quad.lattice_px is not None
         cells = math.isqrt(len(shares))
-        pitch_px = pitch_px_of(quad.lattice_px / window.shrink, cells)
+        pitch_px = pitch_px_of(quad.lattice_px, cells * window.shrink)
         lines = grid(cells, round(min(pitch_px), 1), coarse=False)
         if len(lines) > MOST_LINES:
             return None

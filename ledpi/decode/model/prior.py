@@ -10,11 +10,13 @@ from functools import lru_cache
 
 import numpy as np
 
+from ledpi.core.library import lib
 from ledpi.core.records import Floats, read_only
 
-# Where in the unknowns; as panel.h has them. The first, WAYS, are the homography's.
-WAYS, BLUR, GAP, RIM, SHAPE, PHASE, BESIDE, DARK, ASIDE = 8, 8, 9, 10, 14, 27, 29, 33, 34
-DEPTH, GLOW, SMEAR, COMMON, OWN = 36, 37, 38, 39, 3
+# The layout of the unknowns (unknowns.h). The first WAYS are the homography's, COMMON the panel's; a cell has OWN.
+WAYS, OWN, COMMON = lib.WAYS, lib.OWN, lib.COMMON
+BLUR, GAP, RIM, SHAPE, PHASE, BESIDE = lib.BLUR, lib.GAP, lib.RIM, lib.SHAPE, lib.PHASE, lib.BESIDE
+DARK, ASIDE, DEPTH, GLOW, SMEAR = lib.DARK, lib.ASIDE, lib.DEPTH, lib.GLOW, lib.SMEAR
 
 BLUR_PX, BLUR_SPREAD = 0.8, 0.4  # of lens, pixel and interpolation; its logarithm's deviation
 GAP_MEAN, GAP_SIGMA = 0.08, 0.08  # between cells: walls and rims of LEDs, 0 to a fifth of a cell

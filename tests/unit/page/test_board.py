@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +20,8 @@ from ledpi.core.records import Pixels
 from ledpi.page import board as board_module
 from ledpi.page.board import BoardWatch, board_of
 from ledpi.page.pictures import Pictures
-from ledpi.workshop.calibrate.boards import Board
+from ledpi.workshop.calibrate.boards import Board, Kind
+from tests.builders import ROOT
 from tests.builders.made_up_daemon import HELLO, decoded
 from tests.builders.waiting import limit_s
 
@@ -84,8 +86,14 @@ def test_before_any_view_there_is_no_lens(watch: BoardWatch) -> None:
     assert np.shape(told["coverage"]) == (3, 4)
 
 
+def test_the_page_offers_each_kind_of_board() -> None:
+    """By the name that the server takes."""
+    choice = (ROOT / "ledpi/page/static/index.html").read_text(encoding="utf-8").partition('id="board-kind">')[2]
+    assert sorted(re.findall(r'value="(\w+)"', choice.partition("</select>")[0])) == sorted(Kind)
+
+
 @pytest.mark.parametrize(
-    ("kind", "cols", "rows"), [("", 6, 5), ("circles", 6, 5), ("charuco", 2, 5), ("charuco", 6, 21)]
+    ("kind", "cols", "rows"), [("", 6, 5), ("hexagons", 6, 5), ("charuco", 2, 5), ("charuco", 6, 21)]
 )
 def test_what_is_no_board_is_told(kind: str, cols: int, rows: int) -> None:
     """With what would be right."""

@@ -16,7 +16,7 @@ from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.settings import load_config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.lens import undistort
-from ledpi.workshop.calibrate.boards import BoardView, find_board, other_board
+from ledpi.workshop.calibrate.boards import Board, BoardView, Kind, find_board, other_board
 from ledpi.workshop.calibrate.camera import calibrate_camera
 from ledpi.workshop.calibrate.files import write_keeping_old
 from tests.builders.boards import (
@@ -236,6 +236,14 @@ def test_real_pictures(shared: Callable[[str], Path], tmp_path: Path, command: C
     assert "18 pictures, 18 with the board" in out
     assert load_intrinsics(Path("camera.yaml")).fx == pytest.approx(973, rel=0.01)
     assert written["ledpi"]["rms_px"] <= 0.16
+
+
+def test_each_kind_of_board_is_found_as_it_is_printed() -> None:
+    """None looks like another, and all corners of each are in a clear picture."""
+    boards = [Board(columns=6, rows=5, kind=kind) for kind in Kind]
+    assert len({board.black().tobytes() for board in boards}) == len(Kind)
+    views = [find_board("clear", rendered(POSES[0], np.random.default_rng(1), board), board) for board in boards]
+    assert [None if view is None else len(view.corner_ids) for view in views] == [30] * len(Kind)
 
 
 @pytest.mark.slow
