@@ -8,6 +8,7 @@ from typing import Any
 
 import typer
 
+from ledpi.camera.base import frame_by
 from ledpi.camera.recording.picture import SUFFIXES, still_camera
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import calibrate, change, read_grey, settings_for
@@ -15,7 +16,7 @@ from ledpi.config.panels import PanelOverride, PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import CalibrationError
-from ledpi.core.records import Floats, Frame, PanelSpec
+from ledpi.core.records import Floats, PanelSpec
 from ledpi.core.shutter import contrast
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.workshop.calibrate.bands import ClassBands, PanelLight
@@ -69,15 +70,7 @@ def _measure_lamps(paths: list[Path], settings: Config) -> None:
     camera = still_camera(settings.camera)
     seen = 0
     for path in paths:
-        frame = Frame(
-            pixels=read_grey(path),
-            seq=0,
-            row0_readout_ns=0,
-            exposure_us=camera.exposure_us,
-            row_time_us=camera.row_time_us,
-            transfer=camera.transfer,
-        )
-        light = lamp_rows(frame)
+        light = lamp_rows(frame_by(camera, read_grey(path)))
         hz = lamp_frequency(light, exposure_us=camera.exposure_us, row_time_us=camera.row_time_us)
         seen += hz is not None
         typer.echo(f"{path}  " + (f"{hz.value:.1f} ± {hz.sigma:.1f} Hz" if hz is not None else "no lamp with bands"))

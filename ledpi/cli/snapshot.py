@@ -8,12 +8,11 @@ from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import typer
 
 from ledpi.camera.factory import open_camera
 from ledpi.camera.recorded import RecordingCamera, load_recording_with
-from ledpi.camera.recording.picture import read_picture, read_still
+from ledpi.camera.recording.picture import read_still
 from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.pictures import check_apart, says_all, still_of, write_drawn
 from ledpi.cli.plan import draw_plan
@@ -154,12 +153,11 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
         raise RecordingError(f"{folder}: has no frame {seq}; has {len(entries)}, {entries[0].seq} to {entries[-1].seq}")
     run: list[Frame] = []
     for entry in entries[max(0, at + 1 - RUN_FRAMES) :][:RUN_FRAMES]:
-        picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
-        fault = read_picture(entry.picture, picture)
-        if fault is None:
-            run.append(recording.frame(entry, picture))
+        frame = recording.read(entry)
+        if isinstance(frame, Frame):
+            run.append(frame)
         elif entry is entries[at]:
-            raise RecordingError(fault.message)
+            raise RecordingError(frame.message)
     frame = next(one for one in run if one.seq == entries[at].seq)
     camera = RecordingCamera(recording, paced=False)
     title = f"{folder.resolve().name}, frame {frame.seq}"

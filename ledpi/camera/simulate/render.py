@@ -120,10 +120,11 @@ class Renderer:
         sequence = np.random.SeedSequence(self._seed, spawn_key=(_NOISE, seq))
         self._readout.read(self.light(seq), np.random.Generator(np.random.SFC64(sequence)), into)
 
-    def frame(self, seq: int, *, reported_row_time: float = 1.0) -> Frame:
-        """Frame `seq`, in pixels of its own, with what the driver says of it: row time and exposure times a factor."""
+    def frame(self, seq: int, into: Pixels | None = None, *, reported_row_time: float = 1.0) -> Frame:
+        """Frame `seq`, in `into` or pixels of its own; the driver says its row time and exposure times a factor."""
         sensor = self.scene.sensor
-        pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
+        size = (sensor.intrinsics.height, sensor.intrinsics.width)
+        pixels = np.empty(size, np.uint8) if into is None else into.view()
         self.render(seq, pixels)
         return Frame(
             pixels=pixels,

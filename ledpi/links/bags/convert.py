@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ledpi.camera.base import frame_by
 from ledpi.camera.recording.format import FRAMES_FILE, HEADER_FILE, MAX_LINES_BYTES, TRUTH_FILE
 from ledpi.camera.recording.picture import MAX_BYTES
 from ledpi.camera.recording.writer import RecordingWriter
@@ -24,7 +25,7 @@ from ledpi.config.settings import Config
 from ledpi.config.values import MAX_SIDE_PX
 from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.files import nothing_left, read_bytes, read_text
-from ledpi.core.records import CameraInfo, Frame, Intrinsics, Pixels
+from ledpi.core.records import CameraInfo, Intrinsics, Pixels
 from ledpi.links.bags import contents
 from ledpi.links.bags.bag_writer import BagWriter
 from ledpi.links.bags.own import restore_recording
@@ -199,7 +200,7 @@ def _write(config: Config, pictures: Iterator[Picture], path: Path, out: Path, w
                 raise RecordingError(
                     f"{path}: holds pictures of several sizes; must be {camera.width} × {camera.height}"
                 )
-            writer.write(_frame(picture, camera, seq), wall_clock_offset_ns=0)
+            writer.write(frame_by(camera, picture.pixels, seq, picture.time_ns), wall_clock_offset_ns=0)
             seq += 1
             yield seq
 
@@ -221,14 +222,3 @@ def _camera(config: Config, first: Picture, path: Path) -> CameraInfo:
         intrinsics=first.lens,
     )
     return replace(camera, intrinsics=lens_of(camera, settings.intrinsics))
-
-
-def _frame(picture: Picture, camera: CameraInfo, seq: int) -> Frame:
-    return Frame(
-        pixels=picture.pixels,
-        seq=seq,
-        row0_readout_ns=picture.time_ns,
-        exposure_us=camera.exposure_us,
-        row_time_us=camera.row_time_us,
-        transfer=camera.transfer,
-    )

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.camera.base import frame_by
 from ledpi.camera.recording.picture import still_camera
 from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config, load_config
@@ -171,14 +172,7 @@ class Decoder:
     def _frame(self, picture: Pixels, seq: int, time_ns: int) -> Frame:
         camera = self._camera
         check_size(picture, camera.width, camera.height, "the stream began")
-        return Frame(
-            pixels=picture,
-            seq=seq,
-            row0_readout_ns=time_ns,
-            exposure_us=camera.exposure_us,
-            row_time_us=camera.row_time_us,
-            transfer=camera.transfer,
-        )
+        return frame_by(camera, picture, seq, time_ns)
 
 
 def check_exposure(panels: Panels, exposure: Exposure) -> None:

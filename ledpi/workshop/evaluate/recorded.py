@@ -7,9 +7,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from ledpi.camera.recording.picture import read_picture
 from ledpi.camera.recording.reader import FrameEntry, Recording
 from ledpi.config.panels import PanelSettings
 from ledpi.core.dictionaries import load_dictionary
@@ -93,11 +90,10 @@ def _read_all(
 
 def frame_of(recording: Recording, entry: FrameEntry) -> Frame:
     """Reads a frame. Raises RecordingError for a picture that cannot be read."""
-    picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
-    fault = read_picture(entry.picture, picture)
-    if fault is not None:
-        raise RecordingError(fault.message)
-    return recording.frame(entry, picture)
+    frame = recording.read(entry)
+    if not isinstance(frame, Frame):
+        raise RecordingError(frame.message)
+    return frame
 
 
 def _expected(recording: Recording, frame: Frame, marker_id: int) -> list[Expected]:
