@@ -1,7 +1,7 @@
 """Builds the compiled core: `ledpi.core._core`, one extension of all C files in FOLDERS.
 
 setup.py names `ffibuilder`. cffi makes the bindings from core.h and unknowns.h, which the C files include, too: a
-declaration and its function cannot differ. By Python's limited API, so that one build serves every version from 3.10 on.
+declaration and its function cannot differ. By the limited API, so that one build serves every Python from 3.10 on.
 """
 
 import re

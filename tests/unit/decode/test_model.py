@@ -20,6 +20,7 @@ from ledpi.decode.model.prior import (
     OWN,
     PHASE,
     RIM,
+    RIM_SIGMA,
     SHAPE,
     SMEAR,
     turned_unknown,
@@ -303,6 +304,22 @@ def test_deviations_do_not_jump_where_a_side_begins_to_be_taken_for_hidden(side:
     before, after = deviation_px(HIDDEN - 1e-3), deviation_px(HIDDEN + 1e-3)
     assert deviation_px(HIDDEN - 5e-5) == pytest.approx(before, rel=0.1)
     assert deviation_px(HIDDEN + 5e-5) == pytest.approx(after, rel=0.1)
+
+
+def test_no_rim_is_further_off_than_is_stated() -> None:
+    """Of 24 panels as the prior has them, with noise: by their deviations, which are two to four times too wide."""
+    errors, stated = [], []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        blur_px, gap, rim = 0.8 * np.exp(rng.normal(0.0, 0.2)), rng.uniform(0.02, 0.14), rng.normal(0.0, RIM_SIGMA, 4)
+        panel = Panel(corners=TRUE, blur_px=blur_px, gap=gap, rim=tuple(rim))
+        fit = fitted(panel, window_of(panel.light(), noise=0.02, seed=seed), TRUE)
+        errors.append(fit.unknown[RIM : RIM + 4] - rim)
+        stated.append(fit.rim_variance)
+    spread, deviation = np.sqrt(np.mean(np.square(errors), axis=0)), np.sqrt(np.mean(stated, axis=0))
+    ratio = deviation[[3, 1, 0, 2]] / spread
+    assert ratio.min() > 1.0
+    assert ratio.max() < 4.0
 
 
 # ---- The window
