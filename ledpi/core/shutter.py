@@ -70,15 +70,6 @@ def harmonic_amplitude(harmonic: int, frequency_hz: float, exposure_us: float, d
     return float(2.0 * abs(np.sinc(harmonic * duty)) * abs(np.sinc(harmonic * cycles)))
 
 
-@lru_cache(maxsize=256)
-def fundamental_amplitude(frequency_hz: float, exposure_us: float, duty: float = 0.5) -> float:
-    """Signed amplitude of the first harmonic of w(y), over w's mean: 2·sinc(d)·sinc(f·T), sinc x = sin πx / πx.
-
-    Negative where a row is brightest whose exposure is centred on the middle of the wave's *off* time.
-    """
-    return 2.0 * float(np.sinc(duty)) * float(np.sinc(frequency_hz * exposure_us * 1e-6))
-
-
 def band_width_rows(frequency_hz: float, *, rows: int, scan_time_s: float) -> float:
     """Height of one bright or dark band: w = n/T · 1/(2f).
 
