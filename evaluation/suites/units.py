@@ -33,10 +33,9 @@ from evaluation.suites.readers import (
 )
 from evaluation.suites.wild import draw_wild
 from evaluation.suites.wild_rows import WILD
-from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.render import Renderer, scene_truth
 from ledpi.camera.simulate.scene import Scene
 from ledpi.camera.simulate.sensor import sensor_info
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.records import Frame

@@ -22,7 +22,7 @@ from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.pipeline.diagnosis.diagnose import Diagnosis
 from ledpi.pipeline.diagnosis.reasons import explained
 from ledpi.workshop.monitor import heading_deg, place_of
-from ledpi.workshop.snapshot.enlarged import TILE, bands_tile
+from ledpi.workshop.snapshot.page import TILE, bands_tile
 
 CELL_SHARE = 0.9  # of a cell's pitch that is coloured
 

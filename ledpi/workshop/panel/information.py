@@ -17,10 +17,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.render import Renderer, scene_truth
 from ledpi.camera.simulate.scene import Panel, Room, Scene, SimulatedSensor, uneven_gains
 from ledpi.camera.simulate.trajectory import Still, facing_camera
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.core.records import Floats, Intrinsics, PanelSpec, Rejected
 from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import Evidence

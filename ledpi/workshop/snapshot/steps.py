@@ -16,8 +16,17 @@ from ledpi.decode.identify.decision import Reading
 from ledpi.decode.uemura import BLACK_BAND, CELL_PX, WHITE_BAND, Square, Steps, local_mean
 from ledpi.pipeline.diagnosis import drawing
 from ledpi.pipeline.trace import SquareTrace, class_alone, class_given_others
-from ledpi.workshop.snapshot.enlarged import View, bands_tile, blank, cells_tile, view_of
-from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH, draw_heading
+from ledpi.workshop.snapshot.page import (
+    BORDER,
+    PICTURES_TOP,
+    WIDTH,
+    View,
+    bands_tile,
+    blank,
+    cells_tile,
+    draw_heading,
+    view_of,
+)
 from ledpi.workshop.snapshot.sources import Snapshot
 
 GAP = 16

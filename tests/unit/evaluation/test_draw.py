@@ -18,9 +18,8 @@ from evaluation.suites.conditions import (
 from evaluation.suites.draw import Take, draw_take
 from evaluation.suites.readers import aruco_reader, printed_id, printed_scene
 from evaluation.suites.units import photographed
-from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.render import Renderer, scene_truth
 from ledpi.camera.simulate.sensor import sensor_info
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Decoded, Frame

@@ -22,8 +22,7 @@ from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.pipeline.diagnosis.drawing import AXES, text
 from ledpi.pipeline.diagnosis.why_not import Why
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.workshop.snapshot.enlarged import GAP, TILE, TITLE
-from ledpi.workshop.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw
+from ledpi.workshop.snapshot.page import BLOCKS_GAP, COLUMN, GAP, LEFT, PICTURES_TOP, RIGHT, TILE, TITLE, WIDTH, draw
 from ledpi.workshop.snapshot.sources import Snapshot, explain, take
 from tests.builders import DEADLINE_S, ROOT
 from tests.builders.faults import FAULTS, camera_of, config_of

@@ -19,8 +19,7 @@ from ledpi.decode.identify.decision import Reading
 from ledpi.pipeline.diagnosis.drawing import BLACK_CLASS, WHITE_CLASS
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import class_alone, class_given_others
-from ledpi.workshop.snapshot.enlarged import View, view_of
-from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH
+from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH, View, view_of
 from ledpi.workshop.snapshot.sources import Snapshot, take
 from ledpi.workshop.snapshot.steps import CAPTION, GAP, TITLE, draw_steps, tile_width
 from tests.builders.command import Run, in_process
