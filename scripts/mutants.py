@@ -211,8 +211,6 @@ class Tests:
 
     def map_lines(self) -> None:
         """Runs the tests once, and keeps which ran which lines, in processes they start too, and how long each took."""
-        import coverage
-
         # Each context of coverage is a test and its phase, as pytest tells them to the processes that tests start.
         rules, told = self._tree / ".coveragerc", "${PYTEST_CURRENT_TEST-}"
         within = f"source = ledpi\nparallel = true\ncontext = {told}\ndata_file = {self._tree}/.coverage\n"
@@ -224,6 +222,12 @@ class Tests:
         self._run(["-m", "pytest", "-p", "contexts", *reported, *self._chosen], limit_s=None)
         del self._environment["COVERAGE_PROCESS_START"]
         self._run(["-m", "coverage", "combine", "--quiet", f"--rcfile={rules}"])
+        self.read_map()
+
+    def read_map(self) -> None:
+        """Reads what `map_lines` has measured."""
+        import coverage
+
         cases = list(ElementTree.parse(self._tree / "times.xml").iter("testcase"))
         for case in cases:
             self._seconds[_name(case)] = self._seconds.get(_name(case), 0.0) + float(case.get("time", 0.0))
@@ -233,9 +237,10 @@ class Tests:
                 self._seconds.pop(_name(case), None)
         data = coverage.CoverageData(str(self._tree / ".coverage"))
         data.read()
+        tests_of = {context: self._named(context.strip("|")) for context in data.measured_contexts()}
         for file in data.measured_files():
             for line, contexts in data.contexts_by_lineno(file).items():
-                of_line = {test for context in contexts for test in self._named(context.strip("|"))}
+                of_line = {test for context in contexts for test in tests_of[context]}
                 self._of_line[(str(Path(file).relative_to(self._tree)), line)] = of_line
 
     def _named(self, context: str) -> list[str]:

@@ -16,6 +16,8 @@ FLOOR_PX = 0.03 * math.sqrt(2.0)
 # Deviations of a robot's motion, along and about each axis, before two frames have shown it: indoor robots drive at up
 # to 1 or 2 m/s, and turn on the spot by up to 2 or 3 rad/s.
 SPEED_SIGMA_M_S, TURN_SIGMA_RAD_S = 1.0, 1.5
+MOTION_SIGMA = np.repeat([SPEED_SIGMA_M_S, TURN_SIGMA_RAD_S], 3)
+MEAN = np.tile(np.eye(2), 4) / 4.0  # (2, 8) of the corners' x and y
 IMPOSSIBLE = 26.1  # χ² of eight coordinates that chance exceeds once in 1,000 times
 
 
@@ -83,10 +85,9 @@ def _bounded(covariance: Floats, blur_px: Floats, exposure_us: float) -> Floats:
     What moves by v·T while it is exposed is blurred by v·T/√12 at least. So the corners' mean velocity is 0, with a
     deviation of all the blur that there is, be it the lens's own: a measurement, by which the covariance is updated.
     """
-    mean = np.tile(np.eye(2), 4) / 4.0
-    along = covariance @ mean.T
+    along = covariance @ MEAN.T
     most_px_s = math.sqrt(12.0) * blur_px / (exposure_us * 1e-6)
-    return np.asarray(covariance - along @ np.linalg.solve(mean @ along + np.diag(most_px_s**2), along.T))
+    return np.asarray(covariance - along @ np.linalg.solve(MEAN @ along + np.diag(most_px_s**2), along.T))
 
 
 def velocity_covariance(corners_px: Floats, side_m: float, intrinsics: Intrinsics) -> Floats:
@@ -95,15 +96,14 @@ def velocity_covariance(corners_px: Floats, side_m: float, intrinsics: Intrinsic
     A point (x, y, 1)·Z moves by L·(v, ω) in the picture, v and ω being the camera's velocities and L the interaction
     matrix (Chaumette & Hutchinson, IEEE Robotics & Automation Magazine, 2006). The longest side tells the depth.
     """
-    focal_px = np.array([intrinsics.fx, intrinsics.fy])
-    longest_px = np.hypot(*(corners_px - np.roll(corners_px, 1, axis=0)).T).max()
-    near = np.full(4, longest_px / (focal_px[0] * side_m))  # 1/Z
-    (x, y), none = ((corners_px - (intrinsics.cx, intrinsics.cy)) / focal_px).T, np.zeros(4)
-    interaction = np.array(
-        [[-near, none, x * near, x * y, -1.0 - x * x, y], [none, -near, y * near, 1.0 + y * y, -x * y, -x]]
-    )
-    deviations = np.repeat([SPEED_SIGMA_M_S, TURN_SIGMA_RAD_S], 3)
-    slopes = (interaction.transpose(2, 0, 1) * focal_px[:, None] * deviations).reshape(8, 6)
+    corners, (fx, fy) = corners_px.tolist(), (intrinsics.fx, intrinsics.fy)
+    near = max(math.dist(at, corners[k - 1]) for k, at in enumerate(corners)) / (fx * side_m)  # 1/Z
+    rows = []
+    for u, v in corners:
+        x, y = (u - intrinsics.cx) / fx, (v - intrinsics.cy) / fy
+        rows.append([-fx * near, 0.0, fx * x * near, fx * x * y, -fx * (1.0 + x * x), fx * y])
+        rows.append([0.0, -fy * near, fy * y * near, fy * (1.0 + y * y), -fy * x * y, -fy * x])
+    slopes = np.array(rows) * MOTION_SIGMA
     return np.asarray(slopes @ slopes.T)
 
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.core.lens import bending_lens_of
 from ledpi.core.library import NONE, lib
@@ -26,7 +25,7 @@ from ledpi.decode.evidence.waves import LEAST_DEPTH, band_prior
 from ledpi.decode.model.fit import pitch_px_of, solver_view
 from ledpi.decode.model.light import fundamentals, waves
 from ledpi.decode.model.panel import Weigher
-from ledpi.decode.model.prior import BUILT_IN, COMMON, NEVER, OWN, prior
+from ledpi.decode.model.prior import COMMON, OWN, built_in, prior
 
 # Samples along a cell, one a pixel but for these: fewer tell no bands from gains. Of several frames, which add up, each
 # may have fewer; and of a panel that is clear a third of these: still two for each unknown.
@@ -152,7 +151,8 @@ class LightWeigher:
     ) -> tuple[Mean, Evidence | None]:
         cells, count, frame, window = self.cells, len(spec.waves_hz), seen.frame, seen.window
         lines, steps_px = _lines(cells, each, pitch_px_of(seen.lattice_px, cells * window.shrink), wall_px)
-        unknown = seen.unknown if built is None else np.where(_built_in(cells), built, seen.unknown)
+        across, down = (round(max(1.0, min(each, each * step)), 1) for step in steps_px)
+        unknown = seen.unknown if built is None else np.where(built_in(cells), built, seen.unknown)
         shape, parameters = (len(lines), len(lines)), 2 * count
         light, valid, wave = (np.zeros(of, np.float32) for of in (shape, shape, (parameters, *shape)))
         score, information = np.empty((cells**2, parameters)), np.empty((cells**2, parameters) * 2)
@@ -164,7 +164,7 @@ class LightWeigher:
                 "cycles_a_row": tuple(hz * frame.row_time_us * 1e-6 for hz in (spec.black_hz, spec.white_hz)),
                 "lines": len(lines),
                 "along": lines,
-                "prior": self._prior(steps_px, each, frame.exposure_us, compared=compared),
+                "prior": prior(cells, (across, down), frame.exposure_us, even=False, faint=True, compared=compared),
                 "banded": True,
                 "corners": seen.lattice_px.reshape(-1).tolist(),
                 "unknown": unknown,
@@ -189,15 +189,6 @@ class LightWeigher:
         picture = Mean(light=light, count=valid, waves=wave, built=unknown)
         return picture, self._evidence(seen, spec, unknown, score, information, weighed) if found else None
 
-    def _prior(self, steps_px: list[float], each: int, exposure_us: float, *, compared: bool) -> Floats:
-        """Prior of the unknowns; of frames that are compared, what is built into the panel does not differ."""
-        across, down = (round(max(1.0, min(each, each * step)), 1) for step in steps_px)
-        given = prior(self.cells, (across, down), exposure_us, even=False, faint=True)
-        if not compared:
-            return given
-        mean, precision = given
-        return np.stack([mean, np.where(_built_in(self.cells), NEVER**-2.0, precision)])
-
     def _evidence(
         self, seen: Observation, spec: PanelSpec, unknown: Floats, score: Floats, information: Floats, weighed: Any
     ) -> Evidence:
@@ -213,7 +204,8 @@ class LightWeigher:
 def _row_average(seen: Observation, spec: PanelSpec) -> list[float]:
     """To how much of black's wave, and of white's, the mean of as many rows lowers it as a window averages."""
     row_s = seen.frame.row_time_us * 1e-6
-    return [float(np.sinc(hz * seen.window.shrink * row_s)) for hz in (spec.black_hz, spec.white_hz)]
+    angles = (math.pi * hz * seen.window.shrink * row_s for hz in (spec.black_hz, spec.white_hz))
+    return [math.sin(angle) / angle for angle in angles]
 
 
 def _lines(cells: int, each: int, pitch_px: tuple[float, float], wall_px: float) -> tuple[Floats, list[float]]:
@@ -222,10 +214,3 @@ def _lines(cells: int, each: int, pitch_px: tuple[float, float], wall_px: float)
     step = (1.0 - 2.0 * inset) / each
     lines = np.arange(cells)[:, None] + inset + step * (np.arange(each) + 0.5)
     return lines.reshape(-1), [step * pitch for pitch in pitch_px]
-
-
-def _built_in(cells: int) -> NDArray[np.bool_]:
-    """(unknowns,) those that do not change while a panel is looked at."""
-    out = np.ones(COMMON + OWN * cells**2, np.bool_)
-    out[:COMMON] = BUILT_IN
-    return out

@@ -243,7 +243,7 @@ static LEDPI_SIMD void put_shared(const Weighing *w, ptrdiff_t across, ptrdiff_t
 static LEDPI_SIMD void sum_up(const Weighing *w, Sums *sums) {
     memset(sums->common, 0, sizeof sums->common);
     memset(sums->mixed, 0, sizeof *sums->mixed * (size_t)w->frees);
-    memset(sums->own, 0, sizeof *sums->own * (size_t)w->frees);
+    for (ptrdiff_t e = 0; e < w->frees; e++) memset(sums->own[e], 0, sizeof **sums->own * (size_t)(w->frees / w->free));
     sums->places = 0;
     for (ptrdiff_t j = 0; j < w->fit.lines; j++) {
         ledpi_add_products(*sums->columns[j], w->fit.lines, DENSE, sums->common);

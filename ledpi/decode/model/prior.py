@@ -6,12 +6,12 @@ Light is in units of the panel's own, lengths along the panel in cells.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
 from ledpi.core.library import lib
-from ledpi.core.records import Floats, read_only
+from ledpi.core.records import Floats, Mask, read_only
 
 # The layout of the unknowns (unknowns.h). The first WAYS are the homography's, COMMON the panel's; a cell has OWN.
 WAYS, OWN, COMMON = lib.WAYS, lib.OWN, lib.COMMON
@@ -39,17 +39,28 @@ MIX_SIGMA = 0.7  # of either class's wave in a cell: 0 or 1
 HARMONICS = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3), (4, 0), (0, 4), (1, 1), (2, 1), (1, 2), (2, 2), (3, 3))
 
 
-# (COMMON,) what is built into a panel: all but its place, the picture's blur, phases, and the light beside and on it.
-BUILT_IN = np.ones(COMMON, np.bool_)
-BUILT_IN[[*range(BLUR + 1), *range(PHASE, ASIDE), SMEAR]] = False
+@cache
+def built_in(cells: int) -> Mask:
+    """(unknowns,) all but a panel's place, the picture's blur, phases, and the light beside and on it."""
+    out = np.ones(COMMON + OWN * cells * cells, np.bool_)
+    out[[*range(BLUR + 1), *range(PHASE, ASIDE), SMEAR]] = False
+    return out
 
 
 @lru_cache(maxsize=256)
-def prior(cells: int, pitch_px: tuple[float, float], exposure_us: float, *, even: bool, faint: bool) -> Floats:
+def prior(
+    cells: int,
+    pitch_px: tuple[float, float],
+    exposure_us: float,
+    *,
+    even: bool,
+    faint: bool,
+    compared: bool = False,
+) -> Floats:
     """(2, unknowns): means, and one over the variances (0 where nothing is known), of `cells` × `cells`.
 
     `even`: cells are even about their middles, so that nothing but the corners moves the lattice. `faint`: so are the
-    bands. The mean of a phase is what the grid finds.
+    bands. `compared`: what is built into a panel does not differ. The mean of a phase is what the grid finds.
     """
     mean, sigma = np.zeros((2, COMMON + OWN * cells * cells))
     sigma[:] = math.inf
@@ -66,6 +77,8 @@ def prior(cells: int, pitch_px: tuple[float, float], exposure_us: float, *, even
     sigma[SMEAR] = NEVER if even else max(SMEAR_SIGMA_PER_MS * 1e-3 * exposure_us, NEVER)
     mean[COMMON::OWN], sigma[COMMON::OWN] = 1.0, GAIN_SIGMA
     sigma[COMMON + 1 :: OWN] = sigma[COMMON + 2 :: OWN] = MIX_SIGMA
+    if compared:
+        sigma[built_in(cells)] = NEVER
     return read_only(np.stack([mean, sigma**-2.0]))
 
 
