@@ -50,11 +50,9 @@ def status(context: typer.Context, config: Path | None = CONFIG) -> None:
 def settings_for(config: Path | None, set_: list[str], recording: Path | None) -> tuple[Config, Path | None]:
     """The configuration, with a recording as its camera if one is given, and the file that it came from."""
     file = find_config(config)
-    overrides = list(set_)
-    if recording is not None:
-        overrides.append(f"camera.source=recording:{recording}")
+    overrides = (*set_, *([] if recording is None else [f"camera.source=recording:{recording}"]))
     own_size = ("panels.side_m=1",)  # it has no part in what is measured here
-    return load_config(file, tuple(overrides), without_file=own_size), file
+    return load_config(file, overrides, without_file=own_size), file
 
 
 def name_in_config(file: Path, key: tuple[str, ...], written: Path) -> str:

@@ -12,6 +12,7 @@ from ledpi.camera.simulated import shortest_frame_rows
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.panel import OWN_SIZE, panel, require_extra
 from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.overrides import overrides_of
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import CameraSettings, Config, find_config, load_config
 from ledpi.core.codewords import Dictionary
@@ -87,12 +88,9 @@ def design(
     """
     if out is not None and check is not None:
         raise ConfigError(f"--out {out}: is for a design; --check writes nothing")
-    overrides = [*set_]
-    overrides += [f"camera.exposure_us={exposure_us}"] if exposure_us is not None else []
-    overrides += [f"camera.row_time_us={row_time_us}"] if row_time_us is not None else []
-    overrides += [f"camera.frame_duration_us={1e6 / fps}"] if fps is not None else []
-    overrides += [f"panels.side_m={side}"] if side is not None else []
-    settings = load_config(find_config(config), tuple(overrides), without_file=OWN_SIZE)
+    options = {"camera.exposure_us": exposure_us, "camera.row_time_us": row_time_us, "panels.side_m": side}
+    options["camera.frame_duration_us"] = None if fps is None else 1e6 / fps
+    settings = load_config(find_config(config), overrides_of(set_, options), without_file=OWN_SIZE)
     task = _task(settings, distance, tolerance_ppm, flicker, own_light)
     if check is not None:
         _check(task, settings, check)

@@ -197,8 +197,12 @@ def _lock(descriptor: int, wait_s: float) -> None:
 
 
 def put_in_place(fresh: Path, path: Path) -> None:
-    """Gives what `write_beside` wrote its name, in place of an older file, in one step. Raises OSError."""
-    fresh.replace(path)
+    """Gives what `write_beside` wrote its name, over an older file, in one step. Raises OSError; nothing is left."""
+    try:
+        fresh.replace(path)
+    except OSError:
+        fresh.unlink(missing_ok=True)
+        raise
     sync_folder(path.parent)
 
 
