@@ -20,11 +20,11 @@ from ledpi.cli import app
 from ledpi.core.errors import TapError, WireError
 from ledpi.core.wording import counted
 from ledpi.daemon.tap.client import Client, connect
-from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_of
+from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_if_told
 from ledpi.pipeline.diagnosis.reasons import why_no_fix
 from ledpi.pipeline.diagnosis.why_not import WhyNot
 from ledpi.wire.line import open_port
-from ledpi.workshop.monitor import Live
+from ledpi.workshop.monitor import Live, heading_deg
 
 READ_TIMEOUT_S = 0.1
 SHOW_EVERY_S = 0.1
@@ -142,9 +142,11 @@ def _marker_text(m: wire.MarkerMessage) -> str:
 
 
 def _fix_text(m: wire.FixMessage) -> str:
-    w, x, y, z = m.pose.quaternion_wxyz
-    heading_deg = math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-    parts = [f"heading {heading_deg:+.1f}°", f"panels {m.panels_used}", f"age {m.age_us / 1e3:.1f} ms"]
+    parts = [
+        f"heading {heading_deg(m.pose.quaternion_wxyz):+.1f}°",
+        f"panels {m.panels_used}",
+        f"age {m.age_us / 1e3:.1f} ms",
+    ]
     return "  ".join(["fix        ", _pose_text(m.pose), *parts])
 
 
@@ -222,7 +224,7 @@ def show_table(socket_path: str, seconds: float | None) -> None:
         for line in _lines(tap, seconds):
             now_s = time.monotonic()
             if line["type"] == "hello":
-                why_not = _why_not(line)
+                why_not = why_not_if_told(line)  # else the counts by reason are told instead
             elif line["type"] == "picture" and why_not is not None:
                 frame = frame_of(tap.hello, line)
                 live.explain(why_not.explain_at_once(frame, not_read_of(line), read_px_of(line)))
@@ -237,13 +239,6 @@ def show_table(socket_path: str, seconds: float | None) -> None:
                 elif line["type"] != "hello":
                     typer.echo(live.line(now_s))
         screen.update(live.shown(time.monotonic()), refresh=True)
-
-
-def _why_not(hello: dict[str, Any]) -> WhyNot | None:
-    try:
-        return why_not_of(hello)
-    except TapError:  # a dictionary that cannot be read from here: the counts by reason are told instead
-        return None
 
 
 def _ask(tap: Client) -> None:

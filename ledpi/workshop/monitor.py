@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -166,10 +167,10 @@ class Live:
         return [Text(f"{one.name}: {one.said}; {one.remedy}", style="yellow") for one in self._wrong]
 
     def _why_lines(self) -> list[Text]:
-        """Says what is not read, and why; what most likely is no panel is left out."""
+        """Says what is not read, and why."""
         if self._why is None or self._lost:
             return []
-        told = [one for one in self._why.diagnoses if one.kind != "shape"][:MOST_REASONS]
+        told = self._why.told[:MOST_REASONS]
         lines = [(one.line, one.helps) for one in told] + [(note.says, note.helps) for note in self._why.notes]
         return [Text(f"{says}; {helps}" if helps else says, style="yellow") for says, helps in lines]
 
@@ -255,7 +256,7 @@ def yaw_deg(quaternion_wxyz: list[float]) -> float:
     return math.degrees(math.atan2(x, -z))
 
 
-def heading_deg(quaternion_wxyz: list[float]) -> float:
+def heading_deg(quaternion_wxyz: Sequence[float]) -> float:
     """Returns that of the robot in the map: 0 looks along x, + turns to y."""
     w, x, y, z = quaternion_wxyz
     return math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))

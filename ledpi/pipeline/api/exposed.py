@@ -96,8 +96,7 @@ def reasons_of(frame: Frame, camera: CameraInfo, pipeline: Pipeline, lens: Intri
     why = WhyNot(camera, pipeline.panels, lens).explain(frame, not_read_in(trace), read_px)
     found = [
         Reason(says=one.says, helps=one.helps, is_panel=one.kind == "panel", corners_px=one.corners_px)
-        for one in why.diagnoses
-        if one.kind != "shape"
+        for one in why.told
     ]
     return found + [Reason(says=note.says, helps=note.helps, is_panel=True, corners_px=None) for note in why.notes]
 

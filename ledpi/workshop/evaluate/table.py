@@ -6,7 +6,6 @@ import csv
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from pathlib import Path
 from statistics import NormalDist, median
 from typing import Any
@@ -15,7 +14,7 @@ from ledpi.camera.recording.reader import FrameEntry, Recording
 from ledpi.config.panels import PanelSettings
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError, RecordingError
-from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelValues
+from ledpi.core.records import Frame, Intrinsics
 from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE, STREAM_ROWS, Expected, PanelMethod, PanelReader, Tally
 
 PLAIN = "plain"  # the case in which nothing is wrong with the panel
@@ -146,7 +145,10 @@ def evaluate_recording(
     camera = recording.camera
     info = replace(camera, intrinsics=camera.intrinsics or intrinsics)
     shown = recording.panel_values
-    readers = partial(_readers, methods, info, shown, panels)
+
+    def readers() -> dict[PanelMethod, PanelReader]:
+        return {method: PanelReader(method, info, panels, shown) for method in methods}
+
     return {
         "unit": f"{recording.folder.absolute()} {marker_id} {distance_m:g} {angle_deg:g}",
         "distance_m": distance_m,
@@ -155,12 +157,6 @@ def evaluate_recording(
         "transfer": camera.transfer,
         "rows": {row: tally.as_json() for row, tally in _read_all(recording, marker_id, readers, advance).items()},
     }
-
-
-def _readers(
-    methods: Sequence[PanelMethod], camera: CameraInfo, shown: PanelValues, panels: PanelSettings
-) -> dict[PanelMethod, PanelReader]:
-    return {method: PanelReader(method, camera, panels, shown) for method in methods}
 
 
 def _read_all(

@@ -42,7 +42,9 @@ def blocks_of(snapshot: Snapshot, told: list[Diagnosis]) -> list[Block]:
     for marker in sorted(snapshot.decoded.markers, key=lambda m: -m.detection.margin):
         detection = marker.detection
         title = f"ID {detection.id}   {_place(marker)}   margin {detection.margin:.0f}"
-        blocks.append(Block(corners_px=detection.corners_px, title=title, codeword=snapshot.codeword(detection.id)))
+        blocks.append(
+            Block(corners_px=detection.corners_px, title=title, codeword=snapshot.panels.words.codeword(detection.id))
+        )
     for number, one in enumerate(told, 1):
         corners = np.roll(one.corners_px, -first_at_top_left(one.corners_px), axis=0)
         blocks.append(Block(corners_px=corners, title=f"{number}   {drawing.ascii_of(one.says)}", codeword=None))
@@ -212,7 +214,7 @@ def draw_reading(canvas: drawing.Canvas, snapshot: Snapshot, told: list[Diagnosi
     canvas[:] = canvas * drawing.DIMMED
     markers = [_placed(marker, snapshot) for marker in snapshot.decoded.markers]
     taken = [drawing.box_of(drawing.scaled(marker.corners_px, scale)) for marker in markers]
-    for dropped in snapshot.dropped:
+    for dropped in snapshot.trace.dropped:
         corners = drawing.scaled(dropped.corners_px, scale)
         drawing.outline(canvas, corners, drawing.FAINT, 1)
     for number, one in enumerate(told, 1):
@@ -228,7 +230,7 @@ def _placed(marker: MarkerPose, snapshot: Snapshot) -> drawing.Placed:
     return drawing.Placed(
         marker_id=detection.id,
         corners_px=detection.corners_px,
-        word=snapshot.codeword(detection.id),
+        word=snapshot.panels.words.codeword(detection.id),
         side_m=snapshot.panels.spec(detection.id).side_m,
         position_m=None if pose is None else pose.position_m,
         quaternion_wxyz=None if pose is None else pose.quaternion_wxyz,
@@ -240,11 +242,10 @@ def draw(snapshot: Snapshot, why: Why) -> Pixels:
     frame = snapshot.frame
     scale = COLUMN / int(frame.pixels.shape[1])
     pictures_end = PICTURES_TOP + round(frame.pixels.shape[0] * scale)
-    told = numbered(why)
-    blocks = blocks_of(snapshot, told)[:MAX_BLOCKS]
+    blocks = blocks_of(snapshot, why.told)[:MAX_BLOCKS]
     blocks_top = pictures_end + BLOCKS_GAP
     blocks_end = blocks_top + (len(blocks) + 1) // 2 * BLOCK_PITCH
-    footer = _footer(snapshot, told, why)
+    footer = _footer(snapshot, why)
     height = blocks_end + FOOTER + FOOTER_LINE * len(footer)
     canvas = np.full((height, WIDTH, 3), drawing.BACKGROUND, np.uint8)
     draw_heading(canvas, snapshot)
@@ -253,7 +254,7 @@ def draw(snapshot: Snapshot, why: Why) -> Pixels:
     seen = cv2.resize(frame.pixels, (COLUMN, pictures_end - PICTURES_TOP), interpolation=cv2.INTER_AREA)
     for left in (LEFT, RIGHT):
         canvas[PICTURES_TOP:pictures_end, left : left + COLUMN] = seen[..., None]
-    draw_reading(canvas[PICTURES_TOP:pictures_end, RIGHT : RIGHT + COLUMN], snapshot, told, scale)
+    draw_reading(canvas[PICTURES_TOP:pictures_end, RIGHT : RIGHT + COLUMN], snapshot, why.told, scale)
     for index, block in enumerate(blocks):
         top, left = blocks_top + index // 2 * BLOCK_PITCH, (LEFT, RIGHT)[index % 2]
         draw_block(canvas[top : top + HEIGHT, left : left + COLUMN], block, snapshot)
@@ -262,14 +263,9 @@ def draw(snapshot: Snapshot, why: Why) -> Pixels:
     return canvas
 
 
-def numbered(why: Why) -> list[Diagnosis]:
-    """Numbers what is told of, from 1 on; what most likely is no panel is left out."""
-    return [one for one in why.diagnoses if one.kind != "shape"]
-
-
-def _footer(snapshot: Snapshot, told: list[Diagnosis], why: Why) -> list[tuple[str, drawing.Colour]]:
+def _footer(snapshot: Snapshot, why: Why) -> list[tuple[str, drawing.Colour]]:
     """Lines in their colours: what is wrong with what is numbered, and with the picture; and what was dropped."""
-    reasons = [f"{number}  {one.says}; {one.helps}" for number, one in enumerate(told, 1)]
+    reasons = [f"{number}  {one.says}; {one.helps}" for number, one in enumerate(why.told, 1)]
     reasons += [f"{note.says}; {note.helps}" for note in why.notes]
     counts = Counter(rejected.key for rejected in snapshot.decoded.rejected).most_common()
     dropped = "Dropped: " + (", ".join(f"{key} {count}" for key, count in counts) or "nothing")

@@ -96,7 +96,7 @@ def _row(square: SquareTrace, snapshot: Snapshot) -> Row:
             nats = np.rot90(class_alone(square.evidence).reshape(n, n), turns)
             tiles.append(Tile(label="evidence in nats, each cell alone", picture=_evidence(nats, size)))
         return Row(title=reading.key, tiles=tuple(tiles))
-    codeword: Bits = np.rot90(snapshot.codeword(reading.id), -reading.quarter_turns)
+    codeword: Bits = np.rot90(snapshot.panels.words.codeword(reading.id), -reading.quarter_turns)
     if isinstance(square.evidence, Evidence):
         nats = class_given_others(square.evidence, reading.cell_bands, codeword.ravel()).reshape(n, n)
         picture = _evidence(np.rot90(nats, turns), size)

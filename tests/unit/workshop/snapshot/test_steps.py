@@ -167,7 +167,7 @@ def test_soft_shows_what_was_read_before_what_was_not(soft: Snapshot) -> None:
     given_others = class_given_others(look.evidence, look.reading.cell_bands, turned.ravel())
     for nats in (given_others, class_alone(look.evidence)):
         np.testing.assert_array_equal(nats.reshape(4, 4) > 0, turned)
-    lamp = [dropped for dropped in soft.dropped if np.abs(dropped.corners_px.mean(axis=0) - (80, 400)).max() < 3]
+    lamp = [dropped for dropped in soft.trace.dropped if np.abs(dropped.corners_px.mean(axis=0) - (80, 400)).max() < 3]
     assert {dropped.why.reason for dropped in lamp} == {"no_bands"}
 
 
