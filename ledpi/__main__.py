@@ -38,7 +38,7 @@ def _end_without(package: Unusable) -> int:
         from ledpi.workshop.doctor.machine import without
 
         return show(without(package), as_json="--json" in sys.argv)
-    from ledpi.core.wording import one_line
+    from ledpi.core.errors import one_line
 
     print(f"ledpi: {one_line(f'{package.said}; {package.remedy}')}", file=sys.stderr)
     return 2

@@ -25,8 +25,7 @@ from ledpi.cli.evaluate import SIDE, method_option, panel_options
 from ledpi.cli.simulate import TransferName
 from ledpi.config.overrides import METHODS
 from ledpi.config.settings import load_config
-from ledpi.core.errors import ConfigError
-from ledpi.core.wording import StrEnum
+from ledpi.core.errors import ConfigError, StrEnum
 from ledpi.workshop.evaluate import page
 from ledpi.workshop.evaluate.table import TableRow, wilson
 

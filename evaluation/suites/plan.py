@@ -19,9 +19,8 @@ from evaluation.suites.conditions import (
 from evaluation.suites.units import TAKES_A_UNIT, Unit
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import check_method
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, install_command
 from ledpi.core.records import Transfer
-from ledpi.core.wording import install_command
 from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE, PANEL_METHODS, Tally
 from ledpi.workshop.evaluate.table import TableRow, table_row
 

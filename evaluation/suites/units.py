@@ -37,10 +37,9 @@ from ledpi.camera.simulate.render import Renderer, scene_truth
 from ledpi.camera.simulate.scene import Scene
 from ledpi.camera.simulate.sensor import sensor_info
 from ledpi.config.panels import PanelSettings
-from ledpi.core.errors import ConfigError, LedpiError
+from ledpi.core.errors import ConfigError, LedpiError, install_command
 from ledpi.core.records import Frame
 from ledpi.core.shutter import RowClock
-from ledpi.core.wording import install_command
 from ledpi.workshop.evaluate import page
 from ledpi.workshop.evaluate.scoring import (
     FRAMES_A_TAKE,

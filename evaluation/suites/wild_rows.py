@@ -15,9 +15,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, install_command
 from ledpi.core.records import Floats
-from ledpi.core.wording import install_command
 
 TAKES = 400  # of a row, if the command line does not say
 TAKES_A_CAMERA = 4  # a recording has one camera; this many takes of a row share it

@@ -28,9 +28,8 @@ from typer.core import TyperCommand
 from typer.main import get_command
 
 from ledpi import __version__
-from ledpi.core.errors import LedpiError, TransientError
+from ledpi.core.errors import LedpiError, TransientError, one_line
 from ledpi.core.files import FULL, MAKE_ROOM
-from ledpi.core.wording import one_line
 
 # What the option parser raises; typer has it from click, or from a copy of click's that it brings along.
 _CommandLineError: type[Exception] = typer.BadParameter.__mro__[1]

@@ -11,9 +11,8 @@ import typer
 from ledpi.cli import CONFIG, app
 from ledpi.config.named_files import meant, passwords
 from ledpi.config.settings import find_config, found_config
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, one_line
 from ledpi.core.files import read_bytes
-from ledpi.core.wording import one_line
 from ledpi.workshop.backup import (
     MAX_BYTES,
     Backup,

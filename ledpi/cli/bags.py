@@ -10,8 +10,7 @@ import typer
 
 from ledpi.cli import CONFIG, SET, app, progress
 from ledpi.config.settings import find_config, load_config
-from ledpi.core.errors import InstallationError
-from ledpi.core.wording import counted, install_command
+from ledpi.core.errors import InstallationError, counted, install_command
 from ledpi.links.bags.replay import Replay
 
 VIDEOS = {".mp4", ".mkv", ".avi", ".mov", ".webm"}

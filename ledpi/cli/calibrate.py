@@ -16,10 +16,9 @@ from ledpi.config.camera_yaml import load_intrinsics, own_section
 from ledpi.config.check import unreadable_note
 from ledpi.config.map_yaml import load_map
 from ledpi.config.settings import Config, find_config, load_config
-from ledpi.core.errors import CalibrationError, ConfigError
+from ledpi.core.errors import CalibrationError, ConfigError, StrEnum, counted
 from ledpi.core.files import read_bytes
 from ledpi.core.records import Pixels
-from ledpi.core.wording import StrEnum, counted
 from ledpi.workshop.calibrate.board_sheet import sheet_pdf
 from ledpi.workshop.calibrate.boards import Board, Kind
 from ledpi.workshop.calibrate.files import Key, change_config, write_keeping_old

@@ -29,8 +29,7 @@ from ledpi.cli.calibrate import (
 )
 from ledpi.config.camera_yaml import camera_yaml_text, own_section
 from ledpi.config.settings import Config
-from ledpi.core.errors import CalibrationError, raising
-from ledpi.core.wording import counted
+from ledpi.core.errors import CalibrationError, counted, raising
 from ledpi.workshop.calibrate.boards import Board, BoardFinder, BoardView, Kind, other_board
 from ledpi.workshop.calibrate.camera import CameraCalibration, calibrate_camera, parameters
 from ledpi.workshop.calibrate.camera import quality as quality_of

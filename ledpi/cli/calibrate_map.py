@@ -17,10 +17,9 @@ from ledpi.config.camera_yaml import lens_of
 from ledpi.config.map_yaml import map_text
 from ledpi.config.settings import Config
 from ledpi.core.dictionaries import load_dictionary
-from ledpi.core.errors import CalibrationError, raising
+from ledpi.core.errors import CalibrationError, install_command, raising
 from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
 from ledpi.core.records import Frame, Intrinsics
-from ledpi.core.wording import install_command
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.workshop.calibrate.files import check_with_picture, check_writable, picture_beside, write_keeping_old
 from ledpi.workshop.calibrate.map_views import View, view_of

@@ -14,9 +14,8 @@ from ledpi.config.origins import origins_of, values_of
 from ledpi.config.overrides import Key, parse_override
 from ledpi.config.settings import find_config, found_config, load_config
 from ledpi.config.shipped import copy_files, example
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, counted
 from ledpi.core.linux import lost_at_reboot
-from ledpi.core.wording import counted
 from ledpi.daemon.reporting import log_to_standard_error
 from ledpi.workshop.calibrate.files import changed_yaml, write_keeping_old
 from ledpi.workshop.editing import passed_socket, serve_edits, set_keys

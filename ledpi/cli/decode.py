@@ -18,10 +18,9 @@ from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.pictures import Still, check_apart, says_all, still_of, write_drawn
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, check_method, find_config, load_config
-from ledpi.core.errors import ConfigError, RecordingError, raising
+from ledpi.core.errors import ConfigError, RecordingError, one_line, raising
 from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
 from ledpi.core.shutter import row_time_note
-from ledpi.core.wording import one_line
 from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.output import decoded_as_json, state_as_json
 from ledpi.pipeline.pipeline import Pipeline, load_robot, pipeline_of

@@ -15,8 +15,7 @@ from ledpi.config.camera_yaml import lens_of
 from ledpi.config.overrides import METHODS, current_name
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, check_method, load_config
-from ledpi.core.errors import ConfigError
-from ledpi.core.wording import StrEnum
+from ledpi.core.errors import ConfigError, StrEnum
 from ledpi.workshop.evaluate.page import PAGE_FILE, ResultsFolder, code_version, summary, write_results
 from ledpi.workshop.evaluate.scoring import PANEL_METHODS, PanelMethod
 from ledpi.workshop.evaluate.table import TableRow, evaluate_recording, rows_of_recordings

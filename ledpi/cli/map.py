@@ -11,8 +11,7 @@ from ledpi.cli import CONFIG, app
 from ledpi.config.check import unreadable_note
 from ledpi.config.map_yaml import layout_text, load_layout, load_map, map_text
 from ledpi.config.settings import find_config, load_config
-from ledpi.core.errors import ConfigError, LedpiError
-from ledpi.core.wording import counted
+from ledpi.core.errors import ConfigError, LedpiError, counted
 from ledpi.workshop.calibrate.files import write_keeping_old
 
 _OUT = "File to write; an older one is kept as NAME.bak-1."

@@ -17,8 +17,7 @@ from rich.live import Live as Screen
 
 from ledpi import wire
 from ledpi.cli import app
-from ledpi.core.errors import TapError, WireError
-from ledpi.core.wording import counted
+from ledpi.core.errors import TapError, WireError, counted
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_if_told
 from ledpi.pipeline.diagnosis.reasons import why_no_fix

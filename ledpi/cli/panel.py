@@ -15,8 +15,7 @@ from ledpi.cli import CONFIG, SET, app, progress
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.dictionaries import load_dictionary
-from ledpi.core.errors import ConfigError, raising
-from ledpi.core.wording import StrEnum, install_command
+from ledpi.core.errors import ConfigError, StrEnum, install_command, raising
 from ledpi.workshop.panel.body import Body
 from ledpi.workshop.panel.circuit import Circuit, Lamps, PinCircuit, plan_circuit, plan_pins
 from ledpi.workshop.panel.firmware import (

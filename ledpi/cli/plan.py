@@ -16,9 +16,8 @@ from ledpi.cli.decode import newest_state, replay_of
 from ledpi.cli.pictures import write_drawn
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import find_config, load_config
-from ledpi.core.errors import ConfigError, RecordingError, TapError
+from ledpi.core.errors import ConfigError, RecordingError, TapError, install_command
 from ledpi.core.records import Frame, PanelMap
-from ledpi.core.wording import install_command
 from ledpi.daemon.tap.frames import map_told
 from ledpi.page.lines import check_line
 from ledpi.page.panels import SIGMAS, robot_from_above, robot_of_state

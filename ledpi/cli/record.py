@@ -16,8 +16,8 @@ from ledpi.cli import CONFIG, SET, app, progress
 from ledpi.cli.bags import needs_bags
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, find_config, load_config
+from ledpi.core.errors import counted
 from ledpi.core.records import CameraInfo
-from ledpi.core.wording import counted
 from ledpi.daemon.recorder import FrameWriter, Recorded, Recorder
 from ledpi.daemon.takes import TakeWriter
 from ledpi.pipeline.pipeline import Pipeline, pipeline_of

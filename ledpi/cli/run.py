@@ -39,8 +39,7 @@ def run(
     import ledpi.wire.line  # noqa: F401, so that another package named serial is told of at once, with status 2
     from ledpi.camera.factory import open_camera
     from ledpi.config.settings import find_config, load_config
-    from ledpi.core.errors import LedpiError, TransientError
-    from ledpi.core.wording import one_line
+    from ledpi.core.errors import LedpiError, TransientError, one_line
     from ledpi.daemon.reporting import log_to_standard_error
     from ledpi.daemon.service import Service
     from ledpi.daemon.threads import NO_THREAD, end_threads, is_no_thread

@@ -18,9 +18,8 @@ from ledpi.config.overrides import overrides_of
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.dictionaries import load_dictionary
-from ledpi.core.errors import ConfigError, raising
+from ledpi.core.errors import ConfigError, StrEnum, counted, raising
 from ledpi.core.records import PanelSpec
-from ledpi.core.wording import StrEnum, counted
 from ledpi.workshop.calibrate.boards import Board, Kind
 from ledpi.workshop.calibrate.files import write_keeping_old
 

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
-from ledpi.core.errors import CalibrationError, raising
+from ledpi.core.errors import CalibrationError, raising, shortened
 from ledpi.core.files import MAX_TEXT_BYTES, parse_json, parse_yaml, read_text
 from ledpi.core.records import COEFFICIENTS, DistortionModel
-from ledpi.core.wording import shortened
 
 MAX_JSON_BYTES = 64 * 1024 * 1024  # PhotonVision's holds every corner of every picture
 EXPECTED = (

@@ -8,8 +8,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from ledpi.core.errors import LedpiError
-from ledpi.core.wording import shortened, shortened_name
+from ledpi.core.errors import LedpiError, shortened, shortened_name
 
 # Where pydantic's words say more about Python than about the key.
 _WORDING = {

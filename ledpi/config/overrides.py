@@ -6,9 +6,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, one_line, shortened, shortened_name
 from ledpi.core.files import parse_yaml
-from ledpi.core.wording import one_line, shortened, shortened_name
 
 Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
 # Decoding methods that are still read, with a note on standard error.

@@ -22,10 +22,9 @@ from ledpi.config.overrides import apply_override, rename_method
 from ledpi.config.panels import PanelSettings, check_bands_visible, check_panels
 from ledpi.config.robot import OdometrySettings, RobotSettings
 from ledpi.core.dictionaries import is_file
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, shortened
 from ledpi.core.files import read_yaml
 from ledpi.core.records import RowsFrom, Transfer
-from ledpi.core.wording import shortened
 
 NO_CONFIGURATION = (
     "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml; `ledpi config init` writes one"

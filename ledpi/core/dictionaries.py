@@ -11,9 +11,8 @@ import cv2
 import numpy as np
 
 from ledpi.core.codewords import Dictionary
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, shortened
 from ledpi.core.files import parse_json, parse_yaml, read_text
-from ledpi.core.wording import shortened
 
 FILE_ENDINGS = (".yml", ".yaml", ".json")
 MIN_SIDE, MAX_SIDE = 2, 8  # cells; OpenCV keeps a codeword in 64 bits

@@ -22,8 +22,7 @@ from typing import Any
 
 import yaml
 
-from ledpi.core.errors import DiskFullError, LedpiError
-from ledpi.core.wording import shortened_name
+from ledpi.core.errors import DiskFullError, LedpiError, shortened_name
 
 # Of what a person writes, or a calibration: a map of a thousand panels takes 170 kB. YAML needs 400 times its size.
 MAX_TEXT_BYTES = 256 * 1024

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from types import ModuleType, TracebackType
 from typing import NamedTuple
 
-from ledpi.core.wording import SERVICE_HOME
+from ledpi.core.errors import SERVICE_HOME
 
 # Of those whose distribution has another name than the module.
 _DISTRIBUTIONS = {"cv2": "opencv-python-headless", "yaml": "PyYAML", "serial": "pyserial", "ruamel": "ruamel.yaml"}

@@ -11,8 +11,7 @@ from ledpi import __version__
 from ledpi.camera.base import Camera
 from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config
-from ledpi.core.errors import ConfigError, LedpiError, RecordingError, TapAgainError
-from ledpi.core.wording import one_line
+from ledpi.core.errors import ConfigError, LedpiError, RecordingError, TapAgainError, one_line
 from ledpi.daemon.daemon import Daemon
 from ledpi.daemon.health import Totals
 from ledpi.daemon.observers import close_tap, open_tap

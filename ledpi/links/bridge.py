@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ledpi.config.outputs import Kind, OutputSettings
-from ledpi.core.errors import LedpiError, TapError, TransientError
-from ledpi.core.wording import install_command
+from ledpi.core.errors import LedpiError, TapError, TransientError, install_command
 from ledpi.daemon.reporting import event
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.links.target import BridgeError, Line, Target, TargetLostError

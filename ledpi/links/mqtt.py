@@ -23,7 +23,7 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
 from ledpi.config.named_files import read_password, tls_context
 from ledpi.config.outputs import OutputSettings
-from ledpi.core.wording import shortened_name
+from ledpi.core.errors import shortened_name
 from ledpi.daemon.reporting import event
 from ledpi.daemon.tap.protocol import write_line
 from ledpi.links.payload import JsonPayload, with_age, with_host

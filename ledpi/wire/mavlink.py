@@ -12,10 +12,9 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from ledpi.core.errors import ConfigError, WireError
+from ledpi.core.errors import ConfigError, WireError, install_command
 from ledpi.core.geometry import matrix_from_quaternion, matrix_from_rpy_deg, quaternion_from_matrix, rpy_deg_from_matrix
 from ledpi.core.records import Floats, PanelMap
-from ledpi.core.wording import install_command
 from ledpi.pose.bodies import FIRST_ID as FIRST_BODY_ID
 from ledpi.wire.mavlink_heard import TimeQuestions, own_component
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, SyncAnswer

@@ -27,9 +27,8 @@ from ledpi.config.named_files import CERTIFICATES, DICTIONARY, LENS, MAP, NamedF
 from ledpi.config.settings import sections
 from ledpi.config.shipped import foreign_line
 from ledpi.core.dictionaries import FILE_ENDINGS
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, one_line, shortened_name
 from ledpi.core.files import MAX_TEXT_BYTES, parse_json, parse_yaml, read_bytes
-from ledpi.core.wording import one_line, shortened_name
 from ledpi.daemon.tap.places import CAMERAS, OF_ONE_CAMERA
 from ledpi.workshop.calibrate.files import check_writable
 

@@ -22,10 +22,9 @@ from ledpi.config.check import mistakes_in, mistakes_in_text
 from ledpi.config.named_files import named_files
 from ledpi.config.overrides import apply_override, parse_override
 from ledpi.config.settings import SEARCH_PATH, sections
-from ledpi.core.errors import ConfigError, LedpiError
+from ledpi.core.errors import ConfigError, LedpiError, shortened_name
 from ledpi.core.files import parse_yaml, read_bytes
 from ledpi.core.linux import lost_at_reboot
-from ledpi.core.wording import shortened_name
 from ledpi.workshop import backup
 from ledpi.workshop.calibrate import files
 

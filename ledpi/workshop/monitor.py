@@ -13,8 +13,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ledpi.core.errors import one_line
 from ledpi.core.geometry import matrix_from_quaternion
-from ledpi.core.wording import one_line
 from ledpi.pipeline.diagnosis.reasons import explained, why_no_fix
 from ledpi.workshop.doctor.running import checks
 

@@ -15,10 +15,9 @@ from typing_extensions import Self
 
 from ledpi.config import values as values
 from ledpi.core.dictionaries import is_file, load_dictionary
-from ledpi.core.errors import RecordingError, raising
+from ledpi.core.errors import RecordingError, raising, shortened, shortened_name
 from ledpi.core.files import parse_json, read_text, read_yaml
 from ledpi.core.records import COEFFICIENTS, DistortionModel, Phase, RowsFrom, Transfer
-from ledpi.core.wording import shortened, shortened_name
 
 FORMAT = 1
 HEADER_FILE, FRAMES_FILE, TRUTH_FILE = "recording.yaml", "frames.jsonl", "truth.jsonl"

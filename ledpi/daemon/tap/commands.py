@@ -8,8 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, TypeAlias
 
-from ledpi.core.errors import LedpiError, TransientError
-from ledpi.core.wording import one_line
+from ledpi.core.errors import LedpiError, TransientError, one_line
 from ledpi.daemon.tap.follower import Follower
 from ledpi.daemon.tap.protocol import AT_ONCE, NAMED, Do, Request, error
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from ledpi import __version__
 from ledpi.config.panels import PanelSettings
+from ledpi.core.errors import one_line
 from ledpi.core.geometry import quaternion_from_matrix
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, PanelMap, Pixels, Rejected
 from ledpi.core.shutter import row_mid_exposure_ns
-from ledpi.core.wording import one_line
 from ledpi.daemon.tap.protocol import VERSION, Request
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading

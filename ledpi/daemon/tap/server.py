@@ -15,8 +15,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from ledpi.core.errors import one_line
 from ledpi.core.records import Decoded, Frame
-from ledpi.core.wording import one_line
 from ledpi.daemon.tap import messages
 from ledpi.daemon.tap.commands import Command, Commands
 from ledpi.daemon.tap.crowd import Bell, Crowd, Listening

@@ -17,9 +17,8 @@ from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
 from ledpi.config.camera_yaml import lens_of_form
 from ledpi.config.lens_forms import lens_form
 from ledpi.config.values import MAX_SIDE_PX, Finite, SidePx
-from ledpi.core.errors import CalibrationError, RecordingError
+from ledpi.core.errors import CalibrationError, RecordingError, shortened_name
 from ledpi.core.records import Intrinsics, Pixels
-from ledpi.core.wording import shortened_name
 
 MAX_BYTES = 1 << 28  # beyond what the process has: the largest picture in colour, four times
 

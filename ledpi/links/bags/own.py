@@ -16,9 +16,8 @@ from ledpi.camera.recording.format import (
     read_header,
 )
 from ledpi.core.dictionaries import is_file
-from ledpi.core.errors import LedpiError, RecordingError
+from ledpi.core.errors import LedpiError, RecordingError, shortened
 from ledpi.core.files import not_written, parse_json, writing
-from ledpi.core.wording import shortened
 from ledpi.links.bags.contents import FRAME, IMAGE, METADATA, TRUTH, Compressed, Text, checked
 from ledpi.links.bags.reading import Item
 from ledpi.links.ros.contents import COMPRESSED_IMAGE

@@ -20,8 +20,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ledpi.core.errors import LedpiError, RecordingError
-from ledpi.core.wording import one_line, shortened_name
+from ledpi.core.errors import LedpiError, RecordingError, one_line, shortened_name
 
 MAX_RECORD_BYTES = 1 << 26  # of a chunk, packed and unpacked; rosbag2 makes them 768 kB by default
 

@@ -16,9 +16,8 @@ from ledpi.camera.base import frame_by
 from ledpi.camera.recording.picture import still_camera
 from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config, load_config
-from ledpi.core.errors import ConfigError, PictureError
+from ledpi.core.errors import ConfigError, PictureError, shortened
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, MarkerPose, Pixels
-from ledpi.core.wording import shortened
 from ledpi.pipeline.api.lens import Body, Fix, Marker, body_of, fix_of, marker_of
 from ledpi.pipeline.diagnosis.diagnose import not_read_in
 from ledpi.pipeline.diagnosis.why_not import WhyNot

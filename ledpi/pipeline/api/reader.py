@@ -14,9 +14,8 @@ import numpy as np
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.check import load_own_map
 from ledpi.config.panels import PanelSettings
-from ledpi.core.errors import ConfigError, PictureError
+from ledpi.core.errors import ConfigError, PictureError, shortened
 from ledpi.core.records import Intrinsics, Phase, Pixels, RowsFrom, Transfer
-from ledpi.core.wording import shortened
 from ledpi.pipeline.api.exposed import (
     Decoder,
     Exposure,

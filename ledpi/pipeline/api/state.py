@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ledpi.config.settings import Config
-from ledpi.core.errors import PictureError
+from ledpi.core.errors import PictureError, shortened
 from ledpi.core.records import Floats, MarkerPose, Rejected
-from ledpi.core.wording import shortened
 from ledpi.pipeline.api.lens import plain
 from ledpi.pipeline.pipeline import load_robot
 from ledpi.state import estimator

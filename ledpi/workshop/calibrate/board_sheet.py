@@ -7,8 +7,7 @@ from io import BytesIO
 import numpy as np
 
 from ledpi.core.codewords import Bits
-from ledpi.core.errors import CalibrationError
-from ledpi.core.wording import install_command
+from ledpi.core.errors import CalibrationError, install_command
 from ledpi.workshop.calibrate.boards import TEXELS, Board
 
 MM_PER_INCH = 25.4

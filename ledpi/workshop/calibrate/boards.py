@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.codewords import Bits
+from ledpi.core.errors import StrEnum
 from ledpi.core.records import Floats, Pixels
-from ledpi.core.wording import StrEnum
 
 SIDES = range(3, 21)  # inner corners along a side
 

@@ -23,10 +23,9 @@ from ledpi.camera.simulated import simulated_sensor
 from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES, choose_frame_length_rows, frame_duration_us
 from ledpi.config.camera_yaml import blind_note, lens_of, load_intrinsics
 from ledpi.config.settings import Config
-from ledpi.core.errors import CalibrationError, ConfigError, LedpiError
+from ledpi.core.errors import CalibrationError, ConfigError, LedpiError, counted
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, Rejected
 from ledpi.core.shutter import phase_advance_cycles
-from ledpi.core.wording import counted
 from ledpi.pipeline.diagnosis.diagnose import Diagnosis, NotRead, not_read_in
 from ledpi.pipeline.diagnosis.why_not import Why, WhyNot
 from ledpi.pipeline.pipeline import Pipeline

@@ -19,8 +19,7 @@ from ledpi.config.named_files import read_password, tls_context
 from ledpi.config.outputs import OutputSettings
 from ledpi.config.settings import SEARCH_PATH, Config, SerialSettings
 from ledpi.core.codewords import format_ranges
-from ledpi.core.errors import ConfigError, LedpiError, WireError
-from ledpi.core.wording import counted, install_command, one_line
+from ledpi.core.errors import ConfigError, LedpiError, WireError, counted, install_command, one_line
 from ledpi.daemon.tap.places import CAMERAS, OF_ONE_CAMERA
 from ledpi.links.bridge import TARGETS, target_class
 from ledpi.links.sockets import lost, refused

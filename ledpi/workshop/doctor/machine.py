@@ -19,9 +19,9 @@ from pathlib import Path
 
 from ledpi import __version__
 from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version
+from ledpi.core.errors import one_line
 from ledpi.core.linux import lost_at_reboot
 from ledpi.core.packages import Unusable
-from ledpi.core.wording import one_line
 from ledpi.workshop.doctor.finding import Finding, bad, ok, unknown
 
 CALIBRATION_FOLDER = Path("/var/lib/ledpi")  # as scripts/install makes it

@@ -12,8 +12,7 @@ from typing import Any
 from ledpi.camera.factory import vanishing
 from ledpi.config.origins import values_of
 from ledpi.config.settings import Config
-from ledpi.core.errors import TapError
-from ledpi.core.wording import shortened_name
+from ledpi.core.errors import TapError, shortened_name
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, settings_of, why_not_of
 from ledpi.daemon.tap.places import of_config

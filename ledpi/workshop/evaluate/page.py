@@ -18,8 +18,7 @@ import cv2
 import numpy as np
 
 import ledpi
-from ledpi.core.errors import ConfigError, raising
-from ledpi.core.wording import install_command
+from ledpi.core.errors import ConfigError, install_command, raising
 from ledpi.workshop.evaluate.table import PAPER_ANGLES_AT_M, PLAIN, TableRow, write_csv
 
 if TYPE_CHECKING:

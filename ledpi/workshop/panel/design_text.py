@@ -10,9 +10,9 @@ import numpy as np
 
 from ledpi.camera.timing import choose_frame_length_rows, frame_duration_us
 from ledpi.core.codewords import Dictionary
+from ledpi.core.errors import counted
 from ledpi.core.records import Phase
 from ledpi.core.shutter import contrast, phase_advance_cycles
-from ledpi.core.wording import counted
 from ledpi.workshop.panel.design import ENOUGH_NATS, FROZEN_CYCLES, Proposal, Task
 from ledpi.workshop.panel.frequencies import NULL_SHARE, half_period, nearest_lobe_hz, null_share, off_mains_hz
 from ledpi.workshop.panel.information import STREAM_FRAMES

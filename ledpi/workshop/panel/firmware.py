@@ -11,9 +11,8 @@ from pathlib import Path
 from string import Template
 
 from ledpi.core.codewords import Bits, Dictionary, format_ranges
-from ledpi.core.errors import ConfigError, raising
+from ledpi.core.errors import ConfigError, StrEnum, raising
 from ledpi.core.records import PanelSpec, Phase
-from ledpi.core.wording import StrEnum
 from ledpi.workshop.calibrate.panel import SAME_DUTY
 from ledpi.workshop.panel import frequencies
 from ledpi.workshop.panel.circuit import CELL_PINS, OUTPUTS

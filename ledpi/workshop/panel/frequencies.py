@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ledpi.core.errors import StrEnum
 from ledpi.core.shutter import contrast, harmonic_amplitude
-from ledpi.core.wording import StrEnum
 
 CLOCK_HZ = 16_000_000
 MAX_ERROR_PPM = 100.0  # as much as a crystal may be off by itself

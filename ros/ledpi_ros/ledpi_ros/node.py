@@ -15,8 +15,7 @@ from rosidl_runtime_py.utilities import get_message
 from tf2_ros import TransformBroadcaster
 
 from ledpi.camera.recording.writer import encode_picture
-from ledpi.core.errors import TapError
-from ledpi.core.wording import one_line
+from ledpi.core.errors import TapError, one_line
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.daemon.tap.frames import camera_of
 from ledpi.links.ros.contents import (

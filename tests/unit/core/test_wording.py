@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ledpi.core.errors import ConfigError
-from ledpi.core.wording import LINE_LENGTH, VALUE_LENGTH, counted, one_line, shortened, shortened_name
+from ledpi.core.errors import LINE_LENGTH, VALUE_LENGTH, ConfigError, counted, one_line, shortened, shortened_name
 
 
 def test_an_error_is_one_line() -> None:
