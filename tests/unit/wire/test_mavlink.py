@@ -407,6 +407,8 @@ def test_a_state_that_begins_anew_is_a_reset() -> None:
     states = [(STATE, 0), (STATE, 0), (None, 0), (STATE, 0), (elsewhere, 0), (elsewhere, 0), (STATE, 1), (STATE, 1)]
     sent = [mavlink.encode(state_message(of, clock_us=None, map_resets=maps), 10_000_000) for of, maps in states]
     assert [parse(packet).reset_counter for packet in sent if packet] == [1, 1, 2, 3, 3, 4, 4]
+    further = [mavlink.encode(state_message(STATE, clock_us=None, map_resets=2 + k), 10_000_000) for k in range(253)]
+    assert [parse(packet).reset_counter for packet in further if packet][-3:] == [255, 0, 1]  # a byte
 
 
 def test_an_autopilot_s_wheels_and_rate_of_turn_are_odometry() -> None:
