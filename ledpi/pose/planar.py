@@ -106,8 +106,8 @@ def _checked(one: PlanarSolution, other: PlanarSolution, square: _Square) -> Sol
         if _least_reprojection_px(square) > MAX_REPROJECTION * quad_side(square.corners_px.tolist()):
             return NOT_SQUARE
         best, second = _scaled(best, ratio), _scaled(second, ratio)
-    both = _widened(best, second), _widened(second, best)
-    return both if _apart_deg(best, second) > least_deg else both[:1]
+    way, are_apart = _way(best, second), _apart_deg(best, second) > least_deg
+    return (_widened(best, way), _widened(second, way)) if are_apart else (_widened(best, way),)
 
 
 def _least_reprojection_px(square: _Square) -> float:
@@ -142,23 +142,27 @@ def _mirrored(solution: PlanarSolution, square: _Square) -> PlanarSolution:
     )
 
 
-def _widened(solution: PlanarSolution, other: PlanarSolution) -> PlanarSolution:
-    """The solution, its deviation towards the other as wide as χ² is along that way.
+def _way(one: PlanarSolution, other: PlanarSolution) -> Floats:
+    """(6,) from one pose to another: metres, and radians about the camera's axes."""
+    a, b = one.camera_from_marker, other.camera_from_marker
+    turn = matrix_from_quaternion(b.quaternion_wxyz) @ matrix_from_quaternion(a.quaternion_wxyz).T
+    return np.concatenate([b.position_m - a.position_m, rotation_vector(turn)])
+
+
+def _widened(solution: PlanarSolution, way: Floats) -> PlanarSolution:
+    """The solution, its deviation towards the other one, along the way (6,) to it, as wide as χ² is there.
 
     A square's shape tells how far it is turned from the line of sight by the square of that: of two poses that are d
     apart χ² at x from the first is (x/s)²·(1 − x/d)², which the slopes there take for (x/s)². At Z deviations, but no
     further than half way, where the other one begins, both are made the same.
     """
-    pose, covariance = solution.camera_from_marker, _covariance(solution)
-    to = other.camera_from_marker
-    turn = matrix_from_quaternion(to.quaternion_wxyz) @ matrix_from_quaternion(pose.quaternion_wxyz).T
-    way = np.concatenate([to.position_m - pose.position_m, rotation_vector(turn)])
+    covariance = _covariance(solution)
     chi2 = float(way @ np.linalg.solve(covariance, way))
     if not chi2 > 0.0:
         return solution
     wider = (1.0 - min(Z / math.sqrt(chi2), 0.5)) ** -2 - 1.0
     covariance = read_only(covariance + wider / chi2 * np.outer(way, way))
-    return replace(solution, camera_from_marker=replace(pose, covariance=covariance))
+    return replace(solution, camera_from_marker=replace(solution.camera_from_marker, covariance=covariance))
 
 
 def _scaled(solution: PlanarSolution, ratio: float) -> PlanarSolution:
