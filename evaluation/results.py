@@ -25,9 +25,8 @@ from evaluation.speed import arm
 from evaluation.speed import panels as contests
 from evaluation.suites.conditions import Method, Suite
 from evaluation.suites.plan import Plan
-from evaluation.suites.units import code_version
+from evaluation.suites.units import code_version, run_on_processes
 from evaluation.suites.wild_rows import WILD
-from evaluation.suites.workers import run_on_processes
 from ledpi.config.settings import load_config
 from ledpi.workshop.evaluate.page import ResultsFolder
 from ledpi.workshop.evaluate.table import TableRow, wilson

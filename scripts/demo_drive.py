@@ -16,8 +16,7 @@ import numpy as np
 
 from evaluation.drives.cases import PICTURE_LATE_NS
 from evaluation.drives.docking import Line
-from evaluation.drives.plant import Plant, Steered, steered
-from evaluation.drives.room import BASE_FROM_CAMERA, place
+from evaluation.drives.robot import BASE_FROM_CAMERA, Plant, Steered, place, steered
 from ledpi.camera.simulate.scene import Panel, Scene, SimulatedSensor
 from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.camera.simulate.trajectory import Still

@@ -28,11 +28,11 @@ import yaml
 
 from evaluation.suites.conditions import Condition
 from evaluation.suites.draw import draw_take
-from evaluation.suites.oracle import codebook, observed, read_with_oracle
+from evaluation.suites.readers import codebook, observed, read_with_oracle
 from evaluation.suites.units import photographed
 from ledpi.camera.recording.reader import FrameEntry, Recording, find_recordings, load_recording
+from ledpi.camera.simulate.render import scene_truth
 from ledpi.camera.simulate.sensor import sensor_info
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.core.errors import LedpiError, RecordingError
@@ -44,8 +44,8 @@ from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import decision, hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
-from ledpi.workshop.evaluate.recorded import frame_of
 from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE, PanelReader
+from ledpi.workshop.evaluate.table import frame_of
 
 SHOWN = (4, 12)  # of a stream's frames
 RUN_GAP_NS = 60_000_000  # frames that are further apart belong to two takes

@@ -26,8 +26,8 @@ import numpy as np
 from evaluation.suites.conditions import Condition
 from evaluation.suites.draw import Take, draw_take
 from evaluation.suites.units import photographed
+from ledpi.camera.simulate.render import scene_truth
 from ledpi.camera.simulate.sensor import sensor_info
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.core.codewords import Bits

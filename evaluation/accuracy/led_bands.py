@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from evaluation import ROOT
 from ledpi.core.records import Frame
 from ledpi.core.shutter import linear_light, row_weights
-from ledpi.workshop.calibrate.lamp import lamp_frequency, lamp_rows
+from ledpi.workshop.calibrate.lamp import lamp_frequency, lamp_rows, middle_of_lamp
 
 Floats = NDArray[np.float64]
 Tone = Callable[[Floats], Floats]  # picture values 0..255 → linear light
@@ -54,22 +54,10 @@ class Photograph:
     values: Floats  # (rows, columns) of the lamp's middle columns
 
 
-def middle_of_lamp(picture: NDArray[np.uint8], period_rows: float) -> NDArray[np.uint8] | None:
-    """The middle fifth of the lamp's columns, without its upper and lower rim; None where no lamp is in view.
-
-    The lamp is the largest bright thing once its dark bands are closed. In its middle fifth its disc is within 2 % of
-    its full height, so that every row is lit over all columns.
-    """
-    bright = np.sort(picture.ravel())[-100:].mean()
-    lit = (picture > 0.3 * bright).astype(np.uint8)
-    closed = cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((round(period_rows) | 1, 3), np.uint8))
-    count, _, boxes, _ = cv2.connectedComponentsWithStats(closed)
-    if count < 2:
-        return None
-    x, y, width, height, _ = boxes[1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA]))]
-    rim = 2 + round(0.03 * height)
-    part = picture[y + rim : y + height - rim, round(x + 0.4 * width) : round(x + 0.6 * width)]
-    return part if part.shape[0] >= MIN_PERIODS * period_rows and part.shape[1] >= 5 else None
+def part_with_bands(picture: NDArray[np.uint8], period_rows: float) -> NDArray[np.uint8] | None:
+    """The lamp's middle; None where no lamp is in view, or one that shows too few periods."""
+    part = middle_of_lamp(picture, period_rows)
+    return part if part is not None and part.shape[0] >= MIN_PERIODS * period_rows and part.shape[1] >= 5 else None
 
 
 def squares(folder: Path, every: int = 1) -> Iterator[tuple[str, float, NDArray[np.uint8]]]:
@@ -91,7 +79,7 @@ def photographs(folder: Path) -> tuple[list[Photograph], list[str]]:
     """
     found, others = [], []
     for name, frequency_hz, picture in squares(folder):
-        part = middle_of_lamp(picture, 1e6 / frequency_hz / ROW_TIME_US)
+        part = part_with_bands(picture, 1e6 / frequency_hz / ROW_TIME_US)
         if part is None or "NLOS" in name:
             others.append(name)
         else:

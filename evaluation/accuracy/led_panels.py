@@ -20,16 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation import ROOT
-from evaluation.accuracy.led_bands import (
-    EXPOSURE_US,
-    ROW_TIME_US,
-    Photograph,
-    frame_of,
-    photographs,
-    row_profile,
-    srgb_tone,
-)
-from evaluation.suites.oracle import read_with_oracle
+from evaluation.accuracy import led_bands
+from evaluation.suites.readers import read_with_oracle
 from ledpi.config.settings import load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import CameraInfo
@@ -46,9 +38,9 @@ BLUR_PX = 0.7
 NOISE = 0.01
 
 
-def light_of(lamp: Photograph) -> Floats:
+def light_of(lamp: led_bands.Photograph) -> Floats:
     """Returns each row's, of mean 1 over the lamp; what is saturated is as bright as the brightest that is not."""
-    rows = row_profile(lamp, srgb_tone)
+    rows = led_bands.row_profile(lamp, led_bands.srgb_tone)
     rows = np.where(np.isfinite(rows), rows, np.nanmax(rows))
     return np.asarray(rows / rows.mean())
 
@@ -91,7 +83,7 @@ def encoded(light: Floats) -> NDArray[np.uint8]:
     return np.searchsorted((table[1:] + table[:-1]) / 2, np.clip(light, 0, 1)).astype(np.uint8)
 
 
-def recognised(lamps: list[Photograph], side: float, takes: int, seed: int) -> tuple[int, int, int, int]:
+def recognised(lamps: list[led_bands.Photograph], side: float, takes: int, seed: int) -> tuple[int, int, int, int]:
     """Frames, of which right, wrong, and right with true corners.
 
     Panels are turned by any angle; lamps are those that are high enough for that.
@@ -114,8 +106,10 @@ def recognised(lamps: list[Photograph], side: float, takes: int, seed: int) -> t
         light, corners = panel_picture(
             dictionary.codeword(marker_id), side, turn, [light_of(black), light_of(white)], 1000 * seed + take
         )
-        frame = frame_of(encoded(light))
-        camera = CameraInfo(width=640, height=480, exposure_us=EXPOSURE_US, row_time_us=ROW_TIME_US, transfer="srgb")
+        frame = led_bands.frame_of(encoded(light))
+        camera = CameraInfo(
+            width=640, height=480, exposure_us=led_bands.EXPOSURE_US, row_time_us=led_bands.ROW_TIME_US, transfer="srgb"
+        )
         ids = [m.detection.id for m in Pipeline(camera, panels, intrinsics=None, stream=False).decode(frame).markers]
         done, right, wrong = done + 1, right + (ids == [marker_id]), wrong + any(i != marker_id for i in ids)
         bound += read_with_oracle([(frame, corners)], None, panels.dictionary, panels.spec()) == [marker_id]
@@ -128,7 +122,7 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=default)
     parser.add_argument("--takes", type=int, default=60)
     args = parser.parse_args()
-    lamps, _ = photographs(args.folder)
+    lamps, _ = led_bands.photographs(args.folder)
     for distance_m, side in SIDES_PX.items():
         done, right, wrong, bound = recognised(lamps, side, args.takes, seed=1)
         print(

@@ -24,8 +24,8 @@ from ledpi.camera.recording.reader import Recording, find_recordings, load_recor
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.workshop.evaluate.recorded import frame_of
 from ledpi.workshop.evaluate.scoring import Expected, Tally, read_of
+from ledpi.workshop.evaluate.table import frame_of
 
 ROUNDS = 3  # of every frame; the first warms caches up and is not timed
 

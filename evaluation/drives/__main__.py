@@ -4,8 +4,8 @@ The map is wrong by 1 cm and 1° a panel, each wheel slips, the gyro has bias an
 and pictures are 60 ms late; looks err as in rendered drives, with their correlation in time (looks.py). Cases: `plain`;
 `gaps` of 5 s without a panel, by gyro or by `gaps_wheels`; a robot that is `carried` off; a panel that is `moved`, also
 where the state begins at it (`moved_first`); `turns` without wheels; `none` without odometry; a `clock` 10 ms off; and
-docking, in closed loop by the example in C (docking.py); `batch` beside the causal optimum (batch.py), and all plain
-drives beside WPILib's estimator (wpilib.py).
+docking, in closed loop by the example in C (docking.py); `batch` beside the causal optimum, and all plain
+drives beside WPILib's estimator (others.py).
 
 Writes drives.csv, a line for each drive, and drives.png to --out; a run that was broken off goes on. Exit status 1
 where something asked is not met. `python -m evaluation.drives.cost` tells what it costs.

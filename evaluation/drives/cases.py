@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from evaluation.drives.looks import Looks
-from evaluation.drives.robot import BASE_M, DT_S, Way, drive, odometry
-from evaluation.drives.room import BASE_FROM_CAMERA, MIDDLE, PANELS, map_of
+from evaluation.drives.robot import BASE_FROM_CAMERA, BASE_M, DT_S, MIDDLE, PANELS, Way, drive, map_of, odometry
 from ledpi.core.records import Floats
 from ledpi.state.estimator import Estimator, State
 from ledpi.state.filter import Filter

@@ -14,9 +14,7 @@ import numpy as np
 
 from evaluation.drives.cases import HIDDEN, ODOMETRY_LATE_NS, PICTURE_LATE_NS
 from evaluation.drives.looks import Looks
-from evaluation.drives.plant import Plant, steered
-from evaluation.drives.robot import BASE_M
-from evaluation.drives.room import BASE_FROM_CAMERA, place
+from evaluation.drives.robot import BASE_FROM_CAMERA, BASE_M, Plant, place, steered
 from ledpi.core.records import Floats, MapPanel
 from ledpi.state.estimator import Estimator, State
 from ledpi.state.inputs import Look, Measured, OdometryNoise

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from evaluation.drives.room import BASE_FROM_CAMERA, HEIGHT_M, is_in_view, place
+from evaluation.drives.robot import BASE_FROM_CAMERA, HEIGHT_M, is_in_view, place
 from ledpi.core.geometry import inverse, matrix_from_rpy_deg, transform
 from ledpi.core.records import Floats
 from ledpi.state.inputs import Look, split_noise, wrapped

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from evaluation.drives import batch, wpilib
+from evaluation.drives import others
 from evaluation.drives.cases import CARRIED_S, CASES, PICTURE_LATE_NS, Case, Driven, drive_of, raw_fixes, run
 from evaluation.drives.docking import DOCKINGS, docking_row
 from ledpi.core.records import Floats
@@ -20,7 +20,7 @@ RIGHT_M, RIGHT_RAD = 0.1, math.radians(5)  # as good as before, after the robot 
 
 
 OTHERS: dict[str, Callable[[int], Mapping[str, float]]] = {
-    "batch": batch.judge,
+    "batch": others.judge_optimum,
     **{name: partial(docking_row, asked) for name, asked in DOCKINGS.items()},
 }
 
@@ -52,7 +52,8 @@ def judge(name: str, seed: int) -> dict[str, float | str]:
     else:
         fixes = raw_fixes(case, drive)
         row["raw_mm"] = 1e3 * rms(np.array([fix.pose - drive.way.pose(fix.t_s) for fix in fixes]))
-        row |= {f"wpilib_{how}_mm": 1e3 * rms(wpilib.errors(drive, fixes, how, times.tolist())) for how in wpilib.STATE}
+        for how in others.STATE:
+            row[f"wpilib_{how}_mm"] = 1e3 * rms(others.wpilib_errors(drive, fixes, how, times.tolist()))
     return row
 
 
@@ -139,7 +140,7 @@ def docked(rows: Sequence[Row], within_mm: float, within_deg: float) -> float:
 
 def best_of_wpilib(rows: Sequence[Row]) -> Floats:
     """The RMS of each drive, by the better of its documentation's deviations and of ours."""
-    return np.minimum(*(column(rows, f"wpilib_{how}_mm") for how in wpilib.STATE))
+    return np.minimum(*(column(rows, f"wpilib_{how}_mm") for how in others.STATE))
 
 
 def share_of_way(rows: Sequence[Row]) -> Floats:

@@ -18,7 +18,7 @@ import numpy as np
 from evaluation.drives.cases import CASES, Driven, drive_of, run
 from evaluation.drives.docking import GOAL, Docked, Docking, dock
 from evaluation.drives.measure import Row
-from evaluation.drives.room import PANELS
+from evaluation.drives.robot import PANELS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

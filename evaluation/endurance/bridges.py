@@ -55,15 +55,6 @@ class Figures:
     load: float  # of the machine, in processes that would run, in the last 15 minutes
     processors: int
 
-    @property
-    def line(self) -> str:
-        """In words, as the table has them in columns."""
-        return (
-            f"{self.kind}: {self.frames} frames, {self.late_ms:.1f} ms after the tap (p99 {self.late_p99_ms:.0f}); "
-            f"back after {self.back_s:.2f} s (worst {self.back_worst_s:.2f}), {self.old} old frames; "
-            f"memory +{self.gained_kib} KiB"
-        )
-
 
 class Robots(Secure):
     """A broker, and the frames of each robot: when it came, and when the tap had it (CLOCK_MONOTONIC, ns)."""
@@ -146,9 +137,9 @@ def nt(seconds: float, folder: Path) -> Figures:
 def figures_of(
     kind: str, seconds: float, late_ms: list[float], back_s: list[float], old: int, gained_kib: list[int]
 ) -> Figures:
-    """Sums them up, and prints them."""
+    """Sums them up."""
     median, p99 = np.percentile(late_ms, (50, 99))
-    figures = Figures(
+    return Figures(
         kind=kind,
         minutes=seconds / 60,
         taps=len(back_s),
@@ -162,8 +153,6 @@ def figures_of(
         load=round(os.getloadavg()[2], 1),
         processors=os.cpu_count() or 1,
     )
-    print(figures.line, flush=True)
-    return figures
 
 
 def kept() -> list[Figures]:
@@ -200,6 +189,7 @@ def main() -> int:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as other:
         figures = [mqtt(60 * asked.minutes, asked.taps, Path(one)), nt(60 * asked.minutes, Path(other))]
+    print(figures_table(figures))
     if asked.renew:
         FIGURES.write_text(json.dumps([asdict(one) for one in figures], indent=1) + "\n", encoding="utf-8")
         page = ROOT / "docs" / "results.md"

@@ -15,6 +15,7 @@ from typing import get_args
 import numpy as np
 
 from evaluation.endurance.hostile_pictures import KINDS, Drawing, Rng, panel, readable
+from ledpi.camera.base import frame_by
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Method
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, PanelSpec, Transfer
@@ -89,14 +90,7 @@ def frames(camera: CameraInfo, panels: PanelSettings, rng: Rng, kind: int, *, ea
         steady, *waves = (np.roll(layer, seq * shift, (0, 1)) for layer in drawing.light)
         light = dark + steady + sum(w * rows[:, None] for w, rows in zip(waves, blink.weights(at_ns), strict=True))
         light += sigma * rng.standard_normal(light.shape, np.float32)
-        yield Frame(
-            pixels=np.rint(255 * np.clip(light, 0, 1)).astype(np.uint8),
-            seq=seq,
-            row0_readout_ns=at_ns,
-            exposure_us=camera.exposure_us,
-            row_time_us=camera.row_time_us,
-            transfer=camera.transfer,
-        )
+        yield frame_by(camera, np.rint(255 * np.clip(light, 0, 1)).astype(np.uint8), seq, at_ns)
         at_ns += USUAL_GAP_NS if quiet else int(rng.choice(GAPS_NS))
 
 

@@ -15,19 +15,7 @@ import random
 import time
 
 from evaluation import end
-from ledpi.wire import (
-    FixMessage,
-    MarkerMessage,
-    Message,
-    Mode,
-    NoFix,
-    Receiver,
-    State,
-    StateMessage,
-    StatusMessage,
-    TimeAsk,
-    WirePose,
-)
+from ledpi import wire
 from ledpi.wire.codec import decode, encode
 from tests.builders.receiver import Received, received_in_c
 
@@ -35,29 +23,31 @@ WHOLE_SHARE = 0.3  # of the frames
 POOL = 3000  # different frames
 
 
-def random_message(rng: random.Random) -> Message:
+def random_message(rng: random.Random) -> wire.Message:
     """Any that ledpi sends, with values over their whole ranges."""
     kind = rng.randrange(5)
     if kind == 4:
-        return TimeAsk(number=rng.getrandbits(16))
+        return wire.TimeAsk(number=rng.getrandbits(16))
     if kind == 3:
-        return StateMessage(
+        return wire.StateMessage(
             position_m=(rng.uniform(-838, 838), rng.uniform(-9, 9)),
             yaw_rad=rng.uniform(-3.1, 3.1),
             velocity=(rng.uniform(-2, 2), rng.uniform(-3, 3)),
             deviations=(rng.uniform(0, 0.01), rng.uniform(0, 1), rng.uniform(0, 3)),
             correlations=(rng.uniform(-1, 1), 0.0, 1.0),
             clock_us=rng.getrandbits(32),
-            mode=rng.choice((Mode.PANELS, Mode.ODOMETRY)),
+            mode=rng.choice((wire.Mode.PANELS, wire.Mode.ODOMETRY)),
             contested=rng.random() < 0.2,
         )
     if kind == 2:
-        state, no_fix = rng.choice(list(State)), rng.choice(list(NoFix))
-        return StatusMessage(state=state, no_fix=no_fix, frames=rng.getrandbits(31), temperature_c=rng.randint(-40, 90))
+        state, no_fix = rng.choice(list(wire.State)), rng.choice(list(wire.NoFix))
+        return wire.StatusMessage(
+            state=state, no_fix=no_fix, frames=rng.getrandbits(31), temperature_c=rng.randint(-40, 90)
+        )
     q = [rng.gauss(0, 1) for _ in range(4)]
     norm = sum(v * v for v in q) ** 0.5
     w, x, y, z = (v / norm for v in q)
-    pose = WirePose(
+    pose = wire.WirePose(
         position_m=(rng.uniform(-838, 838), rng.uniform(-9, 9), rng.uniform(-1, 1)),
         quaternion_wxyz=(w, x, y, z),
         deviation_m=(rng.uniform(0, 0.01), rng.uniform(0, 1), rng.uniform(0, 60)) if rng.random() < 0.7 else None,
@@ -65,8 +55,10 @@ def random_message(rng: random.Random) -> Message:
     )
     if kind == 1:
         used, resets = rng.randint(1, 300), rng.randrange(256)
-        return FixMessage(age_us=rng.getrandbits(17), pose=pose, panels_used=used, map_resets=resets)
-    return MarkerMessage(id=rng.getrandbits(16), age_us=rng.getrandbits(17), pose=pose, ambiguous=rng.random() < 0.2)
+        return wire.FixMessage(age_us=rng.getrandbits(17), pose=pose, panels_used=used, map_resets=resets)
+    return wire.MarkerMessage(
+        id=rng.getrandbits(16), age_us=rng.getrandbits(17), pose=pose, ambiguous=rng.random() < 0.2
+    )
 
 
 DAMAGES = ("flip", "flip", "lose", "double", "put in", "exchange", "noise", "delimit", "run together")
@@ -97,7 +89,7 @@ def damage(frame: bytearray, rng: random.Random) -> None:
             frame[at], frame[other] = frame[other], frame[at]
 
 
-def corrupted_stream(count: int, rng: random.Random) -> tuple[bytes, list[Message]]:
+def corrupted_stream(count: int, rng: random.Random) -> tuple[bytes, list[wire.Message]]:
     """At least so many bytes between two delimiters, and the messages that are whole in it."""
     pool = [encode(random_message(rng), rng.getrandbits(16)) for _ in range(POOL)]
     stream = bytearray(b"\0")
@@ -112,11 +104,11 @@ def corrupted_stream(count: int, rng: random.Random) -> tuple[bytes, list[Messag
 
 
 def received_in_python(stream: bytes) -> Received:
-    receiver = Receiver()
+    receiver = wire.Receiver()
     return Received(messages=receiver.feed(stream), counters=receiver.counters)
 
 
-def faults(stream: bytes, whole: list[Message]) -> list[str]:
+def faults(stream: bytes, whole: list[wire.Message]) -> list[str]:
     """Lists what the two receivers did wrong."""
     python, c = received_in_python(stream), received_in_c(stream)
     found = []

@@ -12,21 +12,20 @@ the memory of the first quarter is compared with that of the last one. Exit stat
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-import tty
 from collections import Counter
 from pathlib import Path
 
 from evaluation import ROOT, end
 from evaluation.endurance.process import MIB, Sample, growth_mib, sample
 from ledpi.camera.simulate.scenes import DRIVE_IDS
-from ledpi.wire import MarkerMessage, Receiver, State, StatusMessage
+from ledpi.wire import MarkerMessage, Message, State, StatusMessage
+from tests.builders.daemon import Controller
 
 SAMPLE_S = 0.02  # a short run of 300 frames takes two seconds, less than one of them after its warm-up
 WARM_UP_SHARE, WARM_UP_FRAMES = 0.1, 100
@@ -35,40 +34,19 @@ ROUNDS = 3  # at least: what the first one has seen, and made, is what the other
 ROWS = 20  # of the table that is printed on the way
 
 
-class Controller:
-    """The other end of the line: reads all that comes until it is closed."""
+class Line(Controller):
+    """The other end of the line, which counts what it hears and keeps the last status: many packets come."""
 
     def __init__(self) -> None:
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._master)
-        self.port = os.ttyname(self._slave)
         self.ids: Counter[int] = Counter()
         self.last_status: StatusMessage | None = None
-        self.receiver = Receiver()
-        self._closing = False
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
+        super().__init__()
 
-    def _read(self) -> None:
-        os.set_blocking(self._master, False)
-        while not self._closing:
-            try:
-                data = os.read(self._master, 65536)
-            except BlockingIOError:
-                time.sleep(0.005)
-                continue
-            for message in self.receiver.feed(data):
-                if isinstance(message, MarkerMessage):
-                    self.ids[message.id] += 1
-                elif isinstance(message, StatusMessage):
-                    self.last_status = message
-
-    def close(self) -> None:
-        time.sleep(0.1)  # what the daemon wrote last
-        self._closing = True
-        self._thread.join()
-        os.close(self._slave)
-        os.close(self._master)
+    def hear(self, message: Message) -> None:
+        if isinstance(message, MarkerMessage):
+            self.ids[message.id] += 1
+        elif isinstance(message, StatusMessage):
+            self.last_status = message
 
 
 def ledpi(command: str, *options: str, settings: tuple[str, ...]) -> list[str]:
@@ -87,7 +65,7 @@ def render(take: Path, frames: int, width: int) -> None:
     )
 
 
-def run(frames: int, take: Path, controller: Controller) -> tuple[int, str, list[tuple[int, Sample]]]:
+def run(frames: int, take: Path, controller: Line) -> tuple[int, str, list[tuple[int, Sample]]]:
     """Exit status, the log, and the samples of one daemon, each with the frames through it by then."""
     settings = (f"camera.source=recording:{take}", f"serial.port={controller.port}")
     command = ledpi("run", "--unpaced", "--frames", str(frames), settings=settings)
@@ -122,7 +100,7 @@ def run(frames: int, take: Path, controller: Controller) -> tuple[int, str, list
 
 def judge(frames: int, width: int, allow_mib: float) -> dict[str, bool]:
     """Runs it, prints what came of it, and returns which faults hold."""
-    controller = Controller()
+    controller = Line()
     with tempfile.TemporaryDirectory() as folder:
         take = Path(folder) / "drive"
         render(take, min(frames // ROUNDS, ROUND_FRAMES), width)

@@ -42,6 +42,7 @@ from evaluation.endurance.hostile_pictures import (
     text,
     window,
 )
+from ledpi.camera.base import frame_by
 from ledpi.camera.simulate.scenes import ov5647_lens
 from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config.panels import PanelSettings
@@ -101,14 +102,7 @@ class Scenery:
         light: Singles = np.roll(self._noise, 7919 * seq) + np.roll(steady, shift, (0, 1))
         for wave, rows in zip(waves, self._blink.weights(at_ns), strict=True):
             light += np.roll(wave, shift, (0, 1)) * rows[:, None].astype(np.float32)
-        return Frame(
-            pixels=cv2.convertScaleAbs(np.clip(light, 0, 1), alpha=255),
-            seq=seq,
-            row0_readout_ns=at_ns,
-            exposure_us=self._camera.exposure_us,
-            row_time_us=self._camera.row_time_us,
-            transfer=self._camera.transfer,
-        )
+        return frame_by(self._camera, np.asarray(cv2.convertScaleAbs(np.clip(light, 0, 1), alpha=255)), seq, at_ns)
 
 
 def corners(width: int, height: int, marker_id: int) -> Floats:

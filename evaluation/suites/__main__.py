@@ -17,10 +17,9 @@ import typer
 from evaluation.suites.conditions import Method, Suite
 from evaluation.suites.keep import keep_wild, write_take
 from evaluation.suites.plan import Plan
-from evaluation.suites.prints import has_apriltag
-from evaluation.suites.units import code_version
+from evaluation.suites.readers import has_apriltag
+from evaluation.suites.units import code_version, run_on_cluster, run_on_processes
 from evaluation.suites.wild_rows import TAKES
-from evaluation.suites.workers import run_on_cluster, run_on_processes
 from ledpi.cli import main, progress
 from ledpi.cli.evaluate import SIDE, method_option, panel_options
 from ledpi.cli.simulate import TransferName
@@ -28,17 +27,7 @@ from ledpi.config.overrides import METHODS
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.wording import StrEnum
-from ledpi.workshop.evaluate.page import (
-    PAGE_FILE,
-    ResultsFolder,
-    false_ids,
-    groups,
-    pivot,
-    rate,
-    recognised_tables,
-    summary,
-    write_results,
-)
+from ledpi.workshop.evaluate import page
 from ledpi.workshop.evaluate.table import TableRow, wilson
 
 
@@ -84,14 +73,14 @@ def section(rows: Sequence[TableRow]) -> list[str]:
     """The title and the tables of the rows of one suite."""
     title = _TITLES[rows[0].suite]
     if rows[0].suite != "decoys":
-        return [title, *recognised_tables(rows)]
-    return [title, pivot([*rows, *_totals(rows)], result), *false_ids(rows)]
+        return [title, *page.recognised_tables(rows)]
+    return [title, page.pivot([*rows, *_totals(rows)], result), *page.false_ids(rows)]
 
 
 def result(row: TableRow) -> str:
     """The rate; of decoys the false IDs, as if the frames of a take were one: the interval is no promise of less."""
     if row.suite != "decoys":
-        return rate(row)
+        return page.rate(row)
     most = 100 * wilson(min(row.false_ids, row.trials), row.trials)[1]
     count = f"**{row.false_ids} false**" if row.false_ids else "0"
     return f"{count} in {row.frames} frames of {row.trials} scenes (below {most:.2g} % of scenes)"
@@ -107,7 +96,7 @@ def _totals(rows: Sequence[TableRow]) -> list[TableRow]:
             trials=sum(row.trials for row in own),
             false_ids=sum(row.false_ids for row in own),
         )
-        for own in groups(rows, lambda row: row.method)
+        for own in page.groups(rows, lambda row: row.method)
     ]
 
 
@@ -181,7 +170,7 @@ def suites(
 
 def _run(out: Path, plan: Plan, workers: int, scheduler: str | None) -> None:
     units = plan.units()
-    folder = ResultsFolder(out, plan.as_json())
+    folder = page.ResultsFolder(out, plan.as_json())
     left = [unit for unit in units if unit.key not in folder.finished]
     with progress("evaluating", len(units)) as advance:
         advance(len(units) - len(left))
@@ -193,10 +182,10 @@ def _run(out: Path, plan: Plan, workers: int, scheduler: str | None) -> None:
     intro = f"Seed {plan.seed}, {plan.frames} frames a condition, code {plan.code}."
     if not plan.apriltag and any(row.method == "aruco" for row in rows):
         intro += " AprilTag is left out: pupil-apriltags is not installed."
-    for note in write_results(out, rows, intro, plan.commands, section):
+    for note in page.write_results(out, rows, intro, plan.commands, section):
         print(f"ledpi: {note}", file=sys.stderr)
-    print(summary(rows, result))
-    print(f"The tables and the plots: {out / PAGE_FILE}")
+    print(page.summary(rows, result))
+    print(f"The tables and the plots: {out / page.PAGE_FILE}")
 
 
 def _cores() -> int:

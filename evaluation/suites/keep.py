@@ -13,8 +13,8 @@ from evaluation.suites.units import photographed
 from evaluation.suites.wild import draw_camera, draw_wild
 from evaluation.suites.wild_rows import TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
 from ledpi.camera.recording.writer import RecordingWriter
+from ledpi.camera.simulate.render import scene_truth
 from ledpi.camera.simulate.sensor import sensor_info
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.workshop.evaluate.scoring import FRAMES_A_TAKE
 

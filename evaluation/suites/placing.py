@@ -10,9 +10,9 @@ from typing import TypeVar
 import numpy as np
 
 from ledpi.camera.simulate.optics import project
+from ledpi.camera.simulate.render import panel_corners_m
 from ledpi.camera.simulate.scene import SimulatedSensor
 from ledpi.camera.simulate.trajectory import facing_camera
-from ledpi.camera.simulate.truth import panel_corners_m
 from ledpi.core.lens import undistort
 from ledpi.core.records import Floats
 

@@ -1,11 +1,19 @@
 """A unit of work: some takes of one condition, read by each method. A pure function of its values, but for the times.
 
-It is what is handed to a process, or to a cluster, and what is kept when a run is broken off.
+It is what is handed to a process of this machine, or of a dask.distributed cluster, and what is kept when a run is
+broken off. The results are the same wherever it is done.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import multiprocessing
+import os
+import re
+import signal
+import threading
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,18 +22,25 @@ import cv2
 
 from evaluation.suites.conditions import PRINTED, Condition, Method
 from evaluation.suites.draw import Take, draw_take
-from evaluation.suites.oracle import oracle_reads
-from evaluation.suites.prints import WHITEST_PAPER, Family, apriltag_reader, aruco_reader, printed_id, printed_scene
+from evaluation.suites.readers import (
+    WHITEST_PAPER,
+    Family,
+    apriltag_reader,
+    aruco_reader,
+    oracle_reads,
+    printed_id,
+    printed_scene,
+)
 from evaluation.suites.wild import draw_wild
 from evaluation.suites.wild_rows import WILD
-from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.render import Renderer, scene_truth
 from ledpi.camera.simulate.scene import Scene
 from ledpi.camera.simulate.sensor import sensor_info
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
-from ledpi.core.errors import ConfigError
+from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.records import Frame
-from ledpi.core.row_clock import RowClock
+from ledpi.core.shutter import RowClock
+from ledpi.core.wording import install_command
 from ledpi.workshop.evaluate import page
 from ledpi.workshop.evaluate.scoring import (
     FRAMES_A_TAKE,
@@ -148,3 +163,77 @@ def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:
     renderer = Renderer(scene, seed=take.seed)
     for seq in range(frames):
         yield renderer.frame(seq, reported_row_time=take.reported_row_time)
+
+
+CONNECT_S = 10
+
+
+def run_on_processes(units: Sequence[Unit], workers: int) -> Generator[dict[str, Any], None, None]:
+    """Records as their units finish, in whatever order. Raises ConfigError where a worker dies."""
+    if not units:
+        return
+    # One thread a worker: the cores are shared out by units. Read when a worker loads numpy.
+    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    # Not by fork: OpenCV's threads do not survive it.
+    context = multiprocessing.get_context("spawn")
+    others = multiprocessing.active_children()
+    with ProcessPoolExecutor(min(workers, len(units)), mp_context=context, initializer=_end_with_parent) as pool:
+        futures = [pool.submit(run_unit, unit) for unit in units]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BrokenProcessPool:
+            raise ConfigError("a worker process has died; the same command resumes the work") from None
+        except BaseException:  # Ctrl-C: what is half done will not be asked for, and may take long
+            for worker in multiprocessing.active_children():
+                if worker not in others:
+                    worker.terminate()
+            raise
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """Ties a worker to the process that hands out the work: it ends where that one is no more.
+
+    The terminal sends Ctrl-C to every process, so that is not for workers to heed.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def run_on_cluster(units: Sequence[Unit], address: str) -> Generator[dict[str, Any], None, None]:
+    """As `run_on_processes`, on the workers of the scheduler at `address`, as in tcp://host:8786.
+
+    They must have this very code. Raises ConfigError where they have not, where dask.distributed is not installed,
+    and where there is no scheduler.
+    """
+    try:
+        from distributed import Client
+        from distributed import as_completed as as_completed_there
+    except ImportError:
+        raise ConfigError(f"--scheduler: needs dask.distributed: {install_command('suites')}") from None
+    if not re.fullmatch(r"(\w+://)?.+:\d+", address):
+        raise ConfigError(f"--scheduler {address}: must be as tcp://HOST:PORT")
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except OSError as error:
+        raise ConfigError(f"--scheduler {address}: no scheduler answers there: {error}") from None
+    with client:
+        futures = client.map(run_unit, units, pure=False)
+        try:
+            for future in as_completed_there(futures, loop=client.loop):
+                yield future.result()
+        except LedpiError:
+            raise
+        except Exception as error:  # whatever a worker that lacks something raises
+            raise ConfigError(f"--scheduler {address}: a worker failed: {type(error).__name__}: {error}") from error
+        finally:
+            client.cancel(futures)

@@ -12,10 +12,10 @@ from evaluation.suites.draw import Take, brightness_of, drawable_ids
 from evaluation.suites.placing import place_in_view
 from evaluation.suites.surroundings import BEFORE, page_behind, rectangle
 from evaluation.suites.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
+from ledpi.camera.simulate.render import panel_corners_m
 from ledpi.camera.simulate.scene import Light, Panel, Print, Room, Scene, SimulatedSensor
 from ledpi.camera.simulate.scenes import whole_rows_us
 from ledpi.camera.simulate.trajectory import Still
-from ledpi.camera.simulate.truth import panel_corners_m
 from ledpi.config.panels import PanelSettings
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, Intrinsics

@@ -49,6 +49,18 @@ class AdjustableGain(Protocol):
         ...
 
 
+def frame_by(camera: CameraInfo, pixels: Pixels, seq: int = 0, row0_readout_ns: int = 0) -> Frame:
+    """The frame of a picture that this camera has taken, exposed as it says."""
+    return Frame(
+        pixels=pixels,
+        seq=seq,
+        row0_readout_ns=row0_readout_ns,
+        exposure_us=camera.exposure_us,
+        row_time_us=camera.row_time_us,
+        transfer=camera.transfer,
+    )
+
+
 class GainFollower:
     """Does nothing for a camera whose gain is fixed or cannot be set."""
 

@@ -30,7 +30,7 @@ from ledpi.camera.timing import frame_duration_us
 from ledpi.camera.tuning import linear_tuning, white_gains
 from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError, CameraLostError, LedpiError, raising
-from ledpi.core.holder import who_holds
+from ledpi.core.linux import who_holds
 from ledpi.core.records import CameraInfo
 
 _BUFFERS = ASKED_AHEAD + 1 + 3  # those asked for, one more in picamera2, and three for the camera to go on

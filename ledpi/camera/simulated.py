@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from ledpi.camera.recording.reader import TruthMarker
 from ledpi.camera.simulate.render import Renderer
@@ -74,28 +74,16 @@ class SimulatedCamera:
 
     def read(self, into: Pixels) -> Frame | None:
         """As `Camera.read`; a simulated frame is never `Rejected`."""
-        sensor = self._sensor
-        shape = (sensor.intrinsics.height, sensor.intrinsics.width)
+        shape = (self._sensor.intrinsics.height, self._sensor.intrinsics.width)
         if into.shape != shape:
             raise CameraError(f"simulated camera: a frame needs an array of {shape}, not {into.shape}")
         seq = self._next_seq()
         if self._closed.is_set() or (self._frames is not None and seq >= self._frames):
             return None
         self._seq = seq + 1
-        self._renderer.render(seq, into)
+        frame = self._renderer.frame(seq, into)
         host_offset_ns = self._wait_for_readout(seq)
-        if self._closed.is_set():
-            return None
-        return Frame(
-            pixels=into.view(),
-            seq=seq,
-            row0_readout_ns=sensor.row0_readout_ns(seq),
-            exposure_us=sensor.exposure_us,
-            row_time_us=sensor.row_time_us,
-            transfer=sensor.transfer,
-            analogue_gain=sensor.gain,
-            host_offset_ns=host_offset_ns,
-        )
+        return None if self._closed.is_set() else replace(frame, host_offset_ns=host_offset_ns)
 
     def close(self) -> None:
         """As `Camera.close`."""

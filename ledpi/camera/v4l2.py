@@ -15,9 +15,10 @@ import time
 import cv2
 import numpy as np
 
+from ledpi.camera.base import frame_by
 from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError, CameraLostError, RowTimeUnknownError, raising
-from ledpi.core.holder import who_holds
+from ledpi.core.linux import who_holds
 from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 
 _MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
@@ -83,14 +84,7 @@ class V4l2Camera:
         if readout_ns <= self._last_ns:
             return Rejected(stage="capture", reason="timestamp")
         self._last_ns = readout_ns
-        return Frame(
-            pixels=into.view(),
-            seq=self._seq,
-            row0_readout_ns=readout_ns,
-            exposure_us=self._info.exposure_us,
-            row_time_us=self._info.row_time_us,
-            transfer=self._info.transfer,
-        )
+        return frame_by(self._info, into.view(), self._seq, readout_ns)
 
 
 def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:

@@ -12,8 +12,7 @@ from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import ConfigError
 from ledpi.daemon.reporting import log_to_standard_error
 from ledpi.daemon.tap.places import AUTO, of_config
-from ledpi.links.bridge import Bridge
-from ledpi.links.factory import open_target
+from ledpi.links.bridge import Bridge, open_target
 
 
 @app.command()

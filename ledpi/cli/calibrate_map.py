@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
-from ledpi.camera.recorded import RecordingCamera
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import RecordingCamera, load_recording_with
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import calibrate, name_in_config, settings_for
 from ledpi.config.camera_yaml import lens_of

@@ -8,6 +8,7 @@ from typing import Any
 
 import typer
 
+from ledpi.camera.base import frame_by
 from ledpi.camera.recording.picture import SUFFIXES, still_camera
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import calibrate, change, read_grey, settings_for
@@ -15,7 +16,7 @@ from ledpi.config.panels import PanelOverride, PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import CalibrationError
-from ledpi.core.records import Floats, Frame, PanelSpec
+from ledpi.core.records import Floats, PanelSpec
 from ledpi.core.shutter import contrast
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.workshop.calibrate.bands import ClassBands, PanelLight
@@ -58,7 +59,7 @@ def panel(
         check_writable(file)
     with progress("taking frames", frames) as advance:
         taken = take_frames(settings, frames, advance)
-    measured = _measure(taken, settings.panels)
+    measured = _measure(taken)
     # A recording may announce what the configuration does not, by which the daemon will read this panel.
     for result, corners in measured:
         _report(result, corners, settings.panels.spec(result.id), taken)
@@ -69,15 +70,7 @@ def _measure_lamps(paths: list[Path], settings: Config) -> None:
     camera = still_camera(settings.camera)
     seen = 0
     for path in paths:
-        frame = Frame(
-            pixels=read_grey(path),
-            seq=0,
-            row0_readout_ns=0,
-            exposure_us=camera.exposure_us,
-            row_time_us=camera.row_time_us,
-            transfer=camera.transfer,
-        )
-        light = lamp_rows(frame)
+        light = lamp_rows(frame_by(camera, read_grey(path)))
         hz = lamp_frequency(light, exposure_us=camera.exposure_us, row_time_us=camera.row_time_us)
         seen += hz is not None
         typer.echo(f"{path}  " + (f"{hz.value:.1f} ± {hz.sigma:.1f} Hz" if hz is not None else "no lamp with bands"))
@@ -85,29 +78,29 @@ def _measure_lamps(paths: list[Path], settings: Config) -> None:
         raise CalibrationError("no lamp with bands in any picture; camera.exposure_us must be that of the pictures")
 
 
-def _measure(taken: Taken, panels: PanelSettings) -> list[tuple[PanelCalibration, Floats]]:
+def _measure(taken: Taken) -> list[tuple[PanelCalibration, Floats]]:
     """Each panel in view as measured and read again by the decoder, with its corners."""
 
     def measure(light: PanelLight, announced: PanelSpec, corners: Floats) -> PanelCalibration:
         result = measure_panel(
             light,
-            load_dictionary(panels.dictionary),
+            load_dictionary(taken.panels.dictionary),
             announced,
             exposure_us=taken.frames[0].exposure_us,
             row_time_us=taken.camera.row_time_us,
         )
-        _check_that_it_reads(taken, panels, result, corners)
+        _check_that_it_reads(taken, result, corners)
         return result
 
-    panels = panels if taken.panel is None else panels.override_with(taken.panel)
-    measured, why = measure_still(taken, panels, measure)
-    if not measured:
-        hints = _advice((panels.black_hz, panels.white_hz), taken)
-        raise CalibrationError("; ".join([why, *hints]))
-    return measured
+    try:
+        return measure_still(taken, measure)
+    except CalibrationError as error:
+        hints = _advice((taken.panels.black_hz, taken.panels.white_hz), taken)
+        raise CalibrationError("; ".join([str(error), *hints])) from None
 
 
-def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalibration, corners: Floats) -> None:
+def _check_that_it_reads(taken: Taken, result: PanelCalibration, corners: Floats) -> None:
+    panels = taken.panels
     known = panels.overrides.get(result.id, PanelOverride()).model_copy(update=result.overrides(panels.spec(result.id)))
     with_it = panels.model_copy(update={"overrides": {result.id: known}})
     pipeline = Pipeline(taken.camera, with_it, intrinsics=taken.intrinsics)

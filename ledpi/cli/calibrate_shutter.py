@@ -12,7 +12,6 @@ import typer
 
 from ledpi.cli import CONFIG, SET, progress
 from ledpi.cli.calibrate import calibrate, change, settings_for
-from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import CalibrationError, RowTimeUnknownError
@@ -53,7 +52,7 @@ def shutter(
         exposure_us=taken.frames[0].exposure_us / taken.row_time_ratio,
         frame_length_rows=taken.camera.frame_length_rows if is_told else None,
     )
-    result = _measure(taken, settings.panels, reported)
+    result = _measure(taken, reported)
     _report(result, reported)
     _write(result, reported, None if dry_run else file)
     if not dry_run and settings.camera.intrinsics is not None:
@@ -69,30 +68,26 @@ def _take(settings: Config, frames: int, advance: Callable[[int], None]) -> tupl
         return take_frames(settings.model_copy(update={"camera": begun}), frames, advance), False
 
 
-def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> ShutterCalibration:
+def _measure(taken: Taken, reported: Reported) -> ShutterCalibration:
     """By the first square, from the largest on, that is such a panel and that the decoder reads at the new row time."""
 
     def measure(light: PanelLight, announced: PanelSpec, corners: Floats) -> ShutterCalibration:
-        result = measure_shutter(light, load_dictionary(panels.dictionary), announced, reported)
-        if not _reads(taken, panels, result, corners):
+        result = measure_shutter(light, load_dictionary(taken.panels.dictionary), announced, reported)
+        if not _reads(taken, result, corners):
             raise CalibrationError(f"bands like those of panel {result.id}, but the decoder does not read it")
         return result
 
-    panels = panels if taken.panel is None else panels.override_with(taken.panel)
-    measured, why = measure_still(taken, panels, measure, most=1)
-    if not measured:
-        raise CalibrationError(why)
-    return measured[0][0]
+    return measure_still(taken, measure, most=1)[0][0]
 
 
-def _reads(taken: Taken, panels: PanelSettings, result: ShutterCalibration, corners: Floats) -> bool:
+def _reads(taken: Taken, result: ShutterCalibration, corners: Floats) -> bool:
     """Tells whether the decoder reads the panel with the shutter as it was measured."""
     row_us, exposure_us = result.row_time_us.value, taken.frames[0].exposure_us
     if result.exposure_us is not None:
         exposure_us = result.exposure_us.value
     camera = replace(taken.camera, row_time_us=row_us, exposure_us=exposure_us)
     frames = [replace(frame, row_time_us=row_us, exposure_us=exposure_us) for frame in taken.frames]
-    return reads(frames, Pipeline(camera, panels, intrinsics=taken.intrinsics), result.id, corners)
+    return reads(frames, Pipeline(camera, taken.panels, intrinsics=taken.intrinsics), result.id, corners)
 
 
 def _report(result: ShutterCalibration, reported: Reported) -> None:

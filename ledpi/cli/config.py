@@ -15,7 +15,7 @@ from ledpi.config.overrides import Key, parse_override
 from ledpi.config.settings import find_config, found_config, load_config
 from ledpi.config.shipped import copy_files, example
 from ledpi.core.errors import ConfigError
-from ledpi.core.mounts import lost_at_reboot
+from ledpi.core.linux import lost_at_reboot
 from ledpi.core.wording import counted
 from ledpi.daemon.reporting import log_to_standard_error
 from ledpi.workshop.calibrate.files import changed_yaml, write_keeping_old

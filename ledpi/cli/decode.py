@@ -9,11 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import typer
 
-from ledpi.camera.recording.overrides import load_recording_with
-from ledpi.camera.recording.picture import SUFFIXES, read_picture, read_still
+from ledpi.camera.recorded import load_recording_with
+from ledpi.camera.recording.picture import SUFFIXES, read_still
 from ledpi.camera.recording.reader import Recording, find_recordings
 from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.pictures import Still, check_apart, says_all, still_of, write_drawn
@@ -21,7 +20,7 @@ from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, check_method, find_config, load_config
 from ledpi.core.errors import ConfigError, RecordingError, raising
 from ledpi.core.records import Decoded, Frame, Intrinsics, Rejected
-from ledpi.core.row_clock import row_time_note
+from ledpi.core.shutter import row_time_note
 from ledpi.core.wording import one_line
 from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.output import decoded_as_json, state_as_json
@@ -173,17 +172,16 @@ def _decode_recording(
             continue
         if as_live and entry.search_budget is not None:
             pipeline.likelihood.search_budget = entry.search_budget
-        picture = np.empty((camera.height, camera.width), np.uint8)
-        fault = read_picture(entry.picture, picture)
-        if fault is None:
-            decoded = _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
+        frame = recording.read(entry)
+        if isinstance(frame, Frame):
+            decoded = _decode(frame, name, pipeline, lens, steps)
             if replay is not None:
                 told = replay.take(decoded.seq, decoded.markers)
                 state = newest_state(told, replay.host_offset_ns) if told else state
             _print(decoded, name, {} if replay is None else {"state": state})
         else:
-            _note(fault.message)
-            _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
+            _note(frame.message)
+            _print(_nothing(entry.seq, entry.row0_readout_ns, frame.rejected), name)
             bad += 1
         advance(1)
     for marker_id, found in pipeline.likelihood.off_frequency.items():

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import typer
 
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import load_recording_with
 from ledpi.cli import SET, app, progress
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.overrides import METHODS, current_name
@@ -18,9 +18,8 @@ from ledpi.config.settings import Config, check_method, load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.wording import StrEnum
 from ledpi.workshop.evaluate.page import PAGE_FILE, ResultsFolder, code_version, summary, write_results
-from ledpi.workshop.evaluate.recorded import evaluate_recording, rows_of_recordings
 from ledpi.workshop.evaluate.scoring import PANEL_METHODS, PanelMethod
-from ledpi.workshop.evaluate.table import TableRow
+from ledpi.workshop.evaluate.table import TableRow, evaluate_recording, rows_of_recordings
 
 Name = TypeVar("Name", bound=StrEnum)
 SIDE = "panels.side_m=0.16"

@@ -8,8 +8,8 @@ from pathlib import Path
 import typer
 
 from ledpi.cli import CONFIG, app
+from ledpi.config.check import unreadable_note
 from ledpi.config.map_yaml import layout_text, load_layout, load_map, map_text
-from ledpi.config.robot import unreadable_note
 from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.wording import counted

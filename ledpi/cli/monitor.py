@@ -15,25 +15,16 @@ import serial
 import typer
 from rich.live import Live as Screen
 
+from ledpi import wire
 from ledpi.cli import app
 from ledpi.core.errors import TapError, WireError
 from ledpi.core.wording import counted
 from ledpi.daemon.tap.client import Client, connect
-from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_of
+from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, why_not_if_told
 from ledpi.pipeline.diagnosis.reasons import why_no_fix
 from ledpi.pipeline.diagnosis.why_not import WhyNot
-from ledpi.wire import (
-    FixMessage,
-    MarkerMessage,
-    Message,
-    Receiver,
-    ReceiverCounters,
-    StateMessage,
-    StatusMessage,
-    WirePose,
-)
 from ledpi.wire.line import open_port
-from ledpi.workshop.monitor import Live
+from ledpi.workshop.monitor import Live, heading_deg
 
 READ_TIMEOUT_S = 0.1
 SHOW_EVERY_S = 0.1
@@ -75,7 +66,7 @@ def monitor(
 
 
 def _watch_port(port: str, baud: int, as_json: bool, seconds: float | None) -> None:
-    receiver = Receiver()
+    receiver = wire.Receiver()
     with open_port(port, baud, read_timeout_s=READ_TIMEOUT_S) as line:
         try:
             hung_up = _show(line, receiver, json_line if as_json else text_line, seconds)
@@ -86,7 +77,9 @@ def _watch_port(port: str, baud: int, as_json: bool, seconds: float | None) -> N
     typer.echo(summary(receiver.counters), err=True)
 
 
-def _show(line: serial.Serial, receiver: Receiver, render: Callable[[Message], str], seconds: float | None) -> bool:
+def _show(
+    line: serial.Serial, receiver: wire.Receiver, render: Callable[[wire.Message], str], seconds: float | None
+) -> bool:
     """Prints until the time is over; True if the other end hung up before. Raises WireError where it is MAVLink."""
     end_s = math.inf if seconds is None else time.monotonic() + seconds
     unread = b""  # as long as nothing of it was a packet of ours
@@ -113,49 +106,51 @@ def _is_mavlink(data: bytes) -> bool:
     return any(end + 2 < len(data) and data[end] == _MAVLINK_MAGIC and data[end + 2] == 0 for end in ends)
 
 
-def json_line(message: Message) -> str:
+def json_line(message: wire.Message) -> str:
     """The fields as in docs/wire.md, a pose's beside the others; null is unknown."""
     values: dict[str, Any] = {"message": message.name} | asdict(message)
-    if isinstance(message, StatusMessage):
+    if isinstance(message, wire.StatusMessage):
         values |= {"state": message.state.name.lower(), "no_fix": message.no_fix.name.lower()}
-    elif isinstance(message, StateMessage):
+    elif isinstance(message, wire.StateMessage):
         del values["t_ns"]
         values["mode"] = message.mode.name.lower()
-    elif isinstance(message, MarkerMessage | FixMessage):
+    elif isinstance(message, wire.MarkerMessage | wire.FixMessage):
         pose = values.pop("pose") or {}
         values |= {key: pose.get(key) for key in _POSE_KEYS}
     return json.dumps(values)
 
 
-def text_line(message: Message) -> str:
+def text_line(message: wire.Message) -> str:
     """A line for the eye."""
     match message:
-        case MarkerMessage():
+        case wire.MarkerMessage():
             return _marker_text(message)
-        case FixMessage():
+        case wire.FixMessage():
             return _fix_text(message)
-        case StatusMessage():
+        case wire.StatusMessage():
             return _status_text(message)
-        case StateMessage():
+        case wire.StateMessage():
             return _state_text(message)
         case _:
             return message.name
 
 
-def _marker_text(m: MarkerMessage) -> str:
+def _marker_text(m: wire.MarkerMessage) -> str:
     cautions = [name for name in ("uncalibrated", "ambiguous", "alternate") if getattr(m, name)]
     pose = "no pose" if m.pose is None else _pose_text(m.pose)
     return "  ".join([f"marker {m.id:4d}", pose, f"age {m.age_us / 1e3:.1f} ms", *cautions])
 
 
-def _fix_text(m: FixMessage) -> str:
-    w, x, y, z = m.pose.quaternion_wxyz
-    heading_deg = math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-    parts = [f"heading {heading_deg:+.1f}°", f"panels {m.panels_used}", f"age {m.age_us / 1e3:.1f} ms"]
+def _fix_text(m: wire.FixMessage) -> str:
+    parts = [
+        f"heading {heading_deg(m.pose.quaternion_wxyz):+.1f}°",
+        f"panels {m.panels_used}",
+        f"age {m.age_us / 1e3:.1f} ms",
+    ]
     return "  ".join(["fix        ", _pose_text(m.pose), *parts])
 
 
-def _state_text(m: StateMessage) -> str:
+def _state_text(m: wire.StateMessage) -> str:
     cautions = [name for name in ("contested", "panel_moved") if getattr(m, name)]
     if not (m.position_m and m.deviations and m.velocity) or m.yaw_rad is None:
         return "  ".join(["state       none", *cautions])
@@ -169,7 +164,7 @@ def _state_text(m: StateMessage) -> str:
     return "  ".join([*parts, *cautions])
 
 
-def _pose_text(pose: WirePose) -> str:
+def _pose_text(pose: wire.WirePose) -> str:
     position = " ".join(f"{v:+.4f}" for v in pose.position_m)
     rotation = " ".join(f"{v:+.4f}" for v in pose.quaternion_wxyz)
     return f"xyz {position}{_deviation_text(pose.deviation_m)} m  wxyz {rotation}" + (
@@ -181,7 +176,7 @@ def _deviation_text(deviations: tuple[float, float, float] | None) -> str:
     return "" if deviations is None else " ± " + " ".join(f"{d:.4f}" for d in deviations)
 
 
-def _status_text(m: StatusMessage) -> str:
+def _status_text(m: wire.StatusMessage) -> str:
     fix = "fix" if m.no_fix == 0 else f"no fix: {why_no_fix(m.no_fix.name)}"
 
     def known(value: int | None, text: str = "{}") -> str:
@@ -200,7 +195,7 @@ def _status_text(m: StatusMessage) -> str:
     return "  ".join(["status     ", *parts])
 
 
-def summary(counters: ReceiverCounters) -> str:
+def summary(counters: wire.ReceiverCounters) -> str:
     """Says in one line what was received, as in `12 packets, 0 lost, 1 bad (crc 1)`."""
 
     def by_reason(name: str, counts: dict[Any, int]) -> str:
@@ -229,7 +224,7 @@ def show_table(socket_path: str, seconds: float | None) -> None:
         for line in _lines(tap, seconds):
             now_s = time.monotonic()
             if line["type"] == "hello":
-                why_not = _why_not(line)
+                why_not = why_not_if_told(line)  # else the counts by reason are told instead
             elif line["type"] == "picture" and why_not is not None:
                 frame = frame_of(tap.hello, line)
                 live.explain(why_not.explain_at_once(frame, not_read_of(line), read_px_of(line)))
@@ -244,13 +239,6 @@ def show_table(socket_path: str, seconds: float | None) -> None:
                 elif line["type"] != "hello":
                     typer.echo(live.line(now_s))
         screen.update(live.shown(time.monotonic()), refresh=True)
-
-
-def _why_not(hello: dict[str, Any]) -> WhyNot | None:
-    try:
-        return why_not_of(hello)
-    except TapError:  # a dictionary that cannot be read from here: the counts by reason are told instead
-        return None
 
 
 def _ask(tap: Client) -> None:

@@ -41,12 +41,8 @@ panel = typer.Typer(
 app.add_typer(panel, name="panel")
 
 
+OWN_SIZE = ("panels.side_m=0.16",)  # where no configuration has it
 _SUPPLY_V, _LED_MA, _PIN_LED_MA = 12.0, 20.0, 7.5
-
-
-@panel.callback()
-def _group() -> None:
-    """Keeps each command one of its own while it is the only one."""
 
 
 def require_extra(what: str, *packages: str) -> None:
@@ -89,7 +85,7 @@ def firmware(
 
     Example: ledpi panel firmware --id 7 --phase antiphase --black 1253.33 --out panel7
     """
-    settings = _settings(config, set_)
+    settings = load_config(find_config(config), tuple(set_), without_file=OWN_SIZE)
     planned = _plan(settings, id_, black, white, phase, build)
     write_firmware(planned, out)
     for name, half in (("black", planned.black), ("white", planned.white)):
@@ -104,12 +100,6 @@ def firmware(
         typer.echo(f"{build_firmware(out)}; what to wire and how to flash it: {out / 'README.md'}")
     if note := settings.panels.unreported_note([id_]):
         typer.echo(note)
-
-
-def _settings(file: Path | None, overrides: list[str]) -> Config:
-    found = find_config(file)
-    size = [] if found is not None else ["panels.side_m=0.16"]  # of no account here
-    return load_config(found, tuple(size + overrides))
 
 
 def _plan(
@@ -169,10 +159,8 @@ def sheet(
 
     Example: ledpi panel sheet 7 --direct --side 0.12 --out sheet
     """
-    file = find_config(config)
-    overrides = [] if file is not None else ["panels.side_m=0.16"]
-    overrides += set_ + ([f"panels.side_m={side}"] if side is not None else [])
-    panels = load_config(file, tuple(overrides)).panels
+    overrides = (*set_, *([f"panels.side_m={side}"] if side is not None else []))
+    panels = load_config(find_config(config), overrides, without_file=OWN_SIZE).panels
     require_extra("build sheets", "matplotlib", "schemdraw")
     from ledpi.workshop.panel.sheet import write_sheet
 

@@ -10,8 +10,9 @@ from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
 from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.camera.simulated import shortest_frame_rows
 from ledpi.cli import CONFIG, SET, progress
-from ledpi.cli.panel import panel, require_extra
+from ledpi.cli.panel import OWN_SIZE, panel, require_extra
 from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.overrides import overrides_of
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import CameraSettings, Config, find_config, load_config
 from ledpi.core.codewords import Dictionary
@@ -28,11 +29,19 @@ from ledpi.workshop.panel.design import (
     ranked,
     views_of,
 )
-from ledpi.workshop.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
+from ledpi.workshop.panel.design_text import (
+    Finding,
+    antiphase_text,
+    config_lines,
+    findings,
+    legend,
+    summary_line,
+    table,
+    task_text,
+)
 from ledpi.workshop.panel.frequencies import Flicker
 from ledpi.workshop.panel.information import View
 from ledpi.workshop.panel.reach import Reach, reach_of, reach_views
-from ledpi.workshop.panel.verdict import Finding, findings
 
 _SHOWN = 5
 # Of the farthest distance at which cells can be sampled; for a panel of 16 cm 0.6, 1, 1.4, 2, 3, 5, 8 and 12 m.
@@ -79,14 +88,9 @@ def design(
     """
     if out is not None and check is not None:
         raise ConfigError(f"--out {out}: is for a design; --check writes nothing")
-    file = find_config(config)
-    overrides = [] if file is not None else ["panels.side_m=0.16"]
-    overrides += set_
-    overrides += [f"camera.exposure_us={exposure_us}"] if exposure_us is not None else []
-    overrides += [f"camera.row_time_us={row_time_us}"] if row_time_us is not None else []
-    overrides += [f"camera.frame_duration_us={1e6 / fps}"] if fps is not None else []
-    overrides += [f"panels.side_m={side}"] if side is not None else []
-    settings = load_config(file, tuple(overrides))
+    options = {"camera.exposure_us": exposure_us, "camera.row_time_us": row_time_us, "panels.side_m": side}
+    options["camera.frame_duration_us"] = None if fps is None else 1e6 / fps
+    settings = load_config(find_config(config), overrides_of(set_, options), without_file=OWN_SIZE)
     task = _task(settings, distance, tolerance_ppm, flicker, own_light)
     if check is not None:
         _check(task, settings, check)
@@ -171,10 +175,7 @@ def _say_findings(task: Task, found: list[Finding]) -> None:
 
 def _say_unreported(panels: PanelSettings) -> None:
     """Which IDs to do without, as long as none were chosen."""
-    note = (
-        panels.unreported_note(range(len(load_dictionary(panels.dictionary).codewords))) if panels.ids is None else ""
-    )
-    if note:
+    if panels.ids is None and (note := panels.unreported_note(range(len(panels.words.codewords)))):
         typer.echo(f"note: {note}")
 
 

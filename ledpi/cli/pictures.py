@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
 
-from ledpi.camera.recording.overrides import camera_with
+from ledpi.camera.recorded import camera_with
 from ledpi.camera.recording.picture import MAX_BYTES, still_camera, text_of
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
@@ -63,12 +62,7 @@ def check_apart(folder: Path, pictures: Iterable[Path], option: str) -> None:
 def write_drawn(path: Path, drawn: Pixels, option: str) -> None:
     """Encodes as the suffix says, whole or not at all. Raises RecordingError, which names the `option` of the path."""
     data = cv2.imencode(path.suffix.lower(), drawn)[1]
-    fresh = None
     try:
-        fresh = write_beside(path, data.tobytes())
-        put_in_place(fresh, path)
+        put_in_place(write_beside(path, data.tobytes()), path)
     except OSError as error:
-        if fresh is not None:
-            with contextlib.suppress(OSError):
-                fresh.unlink()
         raise not_written(path, error, RecordingError, f"{option} {path}") from None

@@ -10,15 +10,14 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from ledpi.camera.recording.overrides import load_recording_with
-from ledpi.camera.recording.picture import read_picture
+from ledpi.camera.recorded import load_recording_with
 from ledpi.cli import progress
 from ledpi.cli.decode import newest_state, replay_of
 from ledpi.cli.pictures import write_drawn
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import find_config, load_config
 from ledpi.core.errors import ConfigError, RecordingError, TapError
-from ledpi.core.records import PanelMap
+from ledpi.core.records import Frame, PanelMap
 from ledpi.core.wording import install_command
 from ledpi.daemon.tap.frames import map_told
 from ledpi.page.lines import check_line
@@ -96,11 +95,11 @@ def _of_recording(folder: Path, config: Path | None, overrides: list[str], seq: 
     replay, placed, seen = replay_of(recording, settings), None, -1
     with progress("decoding", len(recording.frames)) as advance:
         for entry in recording.frames:
-            picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
-            if read_picture(entry.picture, picture) is not None:
+            frame = recording.read(entry)
+            if not isinstance(frame, Frame):
                 placed = placed if replay is not None else None  # a picture that cannot be read has no fix
             else:
-                decoded = pipeline.decode(recording.frame(entry, picture))
+                decoded = pipeline.decode(frame)
                 if replay is None:
                     placed = robot_from_above(decoded_as_json(decoded, "")["robot"])
                 elif told := replay.take(decoded.seq, decoded.markers):

@@ -14,6 +14,7 @@ from ledpi.camera.simulate.scenes import DRIVE_IDS, board_scene, still_scene
 from ledpi.camera.simulated import SimulatedCamera, simulated_drive, simulated_sensor
 from ledpi.cli import CONFIG, SET, app, progress
 from ledpi.config.camera_yaml import camera_yaml_text
+from ledpi.config.overrides import overrides_of
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.dictionaries import load_dictionary
@@ -67,7 +68,8 @@ def simulate(
 
     Example: ledpi simulate take --distance 2 --angle 30 --id 7 --frames 100 --exposure-us 150
     """
-    settings = _settings(config, set_, exposure_us, transfer)
+    overrides = overrides_of(set_, {"camera.exposure_us": exposure_us, "camera.transfer": transfer})
+    settings = load_config(find_config(config), overrides, without_file=("panels.side_m=0.16",))
     if scene is not None:
         if id_ or distance is not None or angle is not None:
             raise ConfigError(f"--scene {scene}: --id, --distance and --angle are of still panels")
@@ -77,17 +79,6 @@ def simulate(
         built = _still(settings, id_ or _STILL_IDS, *place)
     _record(out, built, settings.panels, frames=frames, seed=seed)
     typer.echo(f"{out}: {counted(frames, 'frame')}, with the truth; next: ledpi decode {shlex.quote(str(out))}")
-
-
-def _settings(config: Path | None, set_: list[str], exposure_us: float | None, transfer: TransferName | None) -> Config:
-    file = find_config(config)
-    overrides = [] if file is not None else ["panels.side_m=0.16"]
-    overrides += set_
-    if exposure_us is not None:
-        overrides.append(f"camera.exposure_us={exposure_us}")
-    if transfer is not None:
-        overrides.append(f"camera.transfer={transfer.value}")
-    return load_config(file, tuple(overrides))
 
 
 def _drive(settings: Config) -> Scene:

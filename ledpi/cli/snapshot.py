@@ -6,42 +6,27 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
 import typer
 
 from ledpi.camera.factory import open_camera
-from ledpi.camera.recorded import RecordingCamera
-from ledpi.camera.recording.overrides import load_recording_with
-from ledpi.camera.recording.picture import read_picture, read_still
+from ledpi.camera.recorded import RecordingCamera, load_recording_with
+from ledpi.camera.recording.picture import read_still
 from ledpi.cli import CONFIG, METHOD, SET, app, progress
 from ledpi.cli.pictures import check_apart, says_all, still_of, write_drawn
 from ledpi.cli.plan import draw_plan
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config, find_config, load_config
 from ledpi.core.errors import CameraError, ConfigError, RecordingError
-from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues
+from ledpi.core.records import Decoded, Frame, MarkerPose
 from ledpi.daemon.tap.frames import settings_of
 from ledpi.pipeline.diagnosis.why_not import RUN_FRAMES, Why
 from ledpi.pipeline.pipeline import pipeline_of
 from ledpi.workshop.snapshot.page import draw
-from ledpi.workshop.snapshot.sources import LOOK_FRAMES, Looking, connected, explain, showing_a_panel, take
+from ledpi.workshop.snapshot.sources import Looking, Source, connected, explain, showing_a_panel, take
 from ledpi.workshop.snapshot.steps import draw_steps
 
 FORMATS = (".png", ".jpg")
-
-
-class _Source(NamedTuple):
-    """A frame, where it comes from, and what that knows."""
-
-    title: str
-    frame: Frame
-    camera: CameraInfo
-    panel: PanelValues | None
-    intrinsics: Intrinsics | None
-    pictures: tuple[Path, ...] = ()  # of a recording
-    run: tuple[Frame, ...] = ()  # of its stream, about it
 
 
 @app.command()
@@ -95,7 +80,7 @@ def snapshot(
         typer.echo(f"  {says}\n    → {helps}" if helps else f"  {says}")
 
 
-def _open(path: Path | None, config: Path | None, overrides: list[str], seq: int | None) -> tuple[_Source, Config]:
+def _open(path: Path | None, config: Path | None, overrides: list[str], seq: int | None) -> tuple[Source, Config]:
     """Opens what is not the daemon's, with the settings of the configuration."""
     brings_panel = path is not None and (path.is_dir() or says_all(path))
     own_size = ("panels.side_m=1",) if brings_panel else ()
@@ -107,22 +92,20 @@ def _open(path: Path | None, config: Path | None, overrides: list[str], seq: int
     if seq:
         raise ConfigError(f"--frame {seq}: {path} is a picture, not a recording; it has no frame but 0")
     still = still_of(path, settings, overrides)
-    return _Source(path.name, read_still(path, still.camera), still.camera, None, still.lens), still.settings
+    return Source(path.name, read_still(path, still.camera), still.camera, None, still.lens), still.settings
 
 
-def _of_daemon(config: Path | None, overrides: list[str]) -> tuple[_Source, Config] | None:
+def _of_daemon(config: Path | None, overrides: list[str]) -> tuple[Source, Config] | None:
     """A frame of the daemon that runs here, with its settings; None where none does."""
     tap = connected(config)
     if tap is None:
         return None
     with tap:
         settings = settings_of(tap.hello, overrides)
-        taken = showing_a_panel(tap, settings, LOOK_FRAMES)
-    source = _Source(taken.title, taken.frame, taken.camera, None, taken.camera.intrinsics, run=taken.run)
-    return source, settings
+        return showing_a_panel(tap, settings), settings
 
 
-def _from_camera(settings: Config, seq: int | None) -> _Source:
+def _from_camera(settings: Config, seq: int | None) -> Source:
     """The first usable frame from `seq` on, else the first of half a second that shows a panel."""
     name = settings.camera.source
     with closing(
@@ -135,7 +118,7 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
         if frame is None:
             raise CameraError(f"camera.source: {name} ended before frame {seq or 0}")
         title = f"{Path(name).name}, frame {frame.seq}"
-        return _Source(title, frame, camera.info, camera.panel, lens, run=tuple(looking.run))
+        return Source(title, frame, camera.info, camera.panel, lens, run=tuple(looking.run))
 
 
 def _numbered(frames: Iterator[Frame], seq: int) -> Frame | None:
@@ -147,7 +130,7 @@ def _numbered(frames: Iterator[Frame], seq: int) -> Frame | None:
     return None
 
 
-def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
+def _from_recording(folder: Path, settings: Config, seq: int | None) -> Source:
     recording = load_recording_with(settings, folder)
     entries = recording.frames
     at = next((index for index, entry in enumerate(entries) if seq is None or entry.seq == seq), None)
@@ -155,22 +138,21 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
         raise RecordingError(f"{folder}: has no frame {seq}; has {len(entries)}, {entries[0].seq} to {entries[-1].seq}")
     run: list[Frame] = []
     for entry in entries[max(0, at + 1 - RUN_FRAMES) :][:RUN_FRAMES]:
-        picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
-        fault = read_picture(entry.picture, picture)
-        if fault is None:
-            run.append(recording.frame(entry, picture))
+        frame = recording.read(entry)
+        if isinstance(frame, Frame):
+            run.append(frame)
         elif entry is entries[at]:
-            raise RecordingError(fault.message)
+            raise RecordingError(frame.message)
     frame = next(one for one in run if one.seq == entries[at].seq)
     camera = RecordingCamera(recording, paced=False)
     title = f"{folder.resolve().name}, frame {frame.seq}"
     lens, pictures = lens_of(camera.info, settings.camera.intrinsics), tuple(entry.picture for entry in entries)
-    return _Source(title, frame, camera.info, camera.panel, lens, pictures, tuple(run))
+    return Source(title, frame, camera.info, camera.panel, lens, pictures, tuple(run))
 
 
 def reasons(why: Why) -> list[tuple[str, str]]:
-    """Lists what is not read, why, and what helps; what most likely is no panel is left out."""
-    told = [(one.line, one.helps) for one in why.diagnoses if one.kind != "shape"]
+    """Lists what is not read, why, and what helps."""
+    told = [(one.line, one.helps) for one in why.told]
     return told + [(note.says, note.helps) for note in why.notes]
 
 

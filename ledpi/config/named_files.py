@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-import ssl
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ledpi.core.dictionaries import is_file
 from ledpi.core.errors import LedpiError
 from ledpi.core.files import read_text
+
+if TYPE_CHECKING:
+    import ssl
 
 LENS, MAP, DICTIONARY, CERTIFICATES = "lens", "map", "dictionary", "certificates"
 
@@ -72,8 +74,10 @@ def read_password(path: Path, error: type[LedpiError]) -> str:
 
 def tls_context(ca_file: Path | None, error: type[LedpiError]) -> ssl.SSLContext:
     """One that checks the other side by `ca_file`, or by the system's authorities. Raises `error`."""
+    import ssl  # which a daemon does without
+
     try:
         return ssl.create_default_context(cafile=None if ca_file is None else str(ca_file))
-    except (OSError, ssl.SSLError) as caught:
+    except OSError as caught:
         said = caught.strerror or caught
         raise error(f"{ca_file}: no certificates can be read from it ({said}); must be PEM") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ledpi.core.errors import ConfigError
@@ -12,6 +13,11 @@ from ledpi.core.wording import one_line, shortened, shortened_name
 Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
 # Decoding methods that are still read, with a note on standard error.
 METHODS = {"soft": "likelihood", "bands": "uemura"}
+
+
+def overrides_of(set_: Sequence[str], options: Mapping[str, object]) -> tuple[str, ...]:
+    """Those of --set, then a command's own options by the keys that they override; None was not given."""
+    return (*set_, *(f"{key}={value}" for key, value in options.items() if value is not None))
 
 
 def parse_override(item: str) -> tuple[Key, Any]:

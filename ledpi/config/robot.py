@@ -1,60 +1,60 @@
-"""The camera's seat on the robot, and the map, by the configuration."""
+"""The sections `robot` and `odometry`: how the camera sits on it, where its odometry comes from and how that errs."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
-from ledpi.config.map_yaml import load_map
-from ledpi.config.odometry import CameraMount
-from ledpi.config.panels import PanelSettings
-from ledpi.config.settings import Config
-from ledpi.core.errors import ConfigError
+from ledpi.config.values import Angles, MountPosition, Section
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
-from ledpi.core.records import Floats, PanelMap
+from ledpi.core.records import Floats
+from ledpi.state.inputs import OdometryNoise
 
-MAX_NAMED = 5  # that are named of many
+# Per root of a metre or a second. A wheel that errs by its own way, or a gyro by a radian a second, measures nothing.
+Deviation = Annotated[float, Field(ge=0.0001, le=1, allow_inf_nan=False)]
+
+
+class OdometryDeviations(Section):
+    """Errors of it, as random walks."""
+
+    way_per_m: Deviation = 0.02
+    yaw_per_m: Deviation = 0.00175  # 0.1°
+    yaw_per_s: Deviation = 0.00175
+
+
+class OdometrySettings(Section):
+    """The section `odometry`."""
+
+    source: Literal["serial", "tap", "none"] = "none"
+    base_m: Annotated[float, Field(ge=0.01, le=10, allow_inf_nan=False)] | None = None
+    deviations: OdometryDeviations = OdometryDeviations()
+
+    @property
+    def noise(self) -> OdometryNoise:
+        """As the estimator takes it."""
+        own = self.deviations
+        return OdometryNoise(
+            base_m=self.base_m, way_per_m=own.way_per_m, yaw_per_m=own.yaw_per_m, yaw_per_s=own.yaw_per_s
+        )
+
+
+class CameraMount(Section):
+    """base_link_from_camera_link: x ahead, y left, z up; zero looks ahead."""
+
+    position_m: MountPosition = (0.0, 0.0, 0.0)
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
+
+
+class RobotSettings(Section):
+    """The section `robot`."""
+
+    camera_mount: CameraMount = CameraMount()
+    state_hz: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] | None = None
 
 
 def base_link_from_camera(mount: CameraMount) -> Floats:
     """The camera's optical frame in the robot's, (4, 4)."""
     rotation = matrix_from_rpy_deg(*mount.rpy_deg) @ CAMERA_LINK_FROM_CAMERA
     return transform(rotation, np.array(mount.position_m))
-
-
-def load_own_map(config: Config) -> PanelMap | None:
-    """The map, if there is one. Raises ConfigError, also where it and the configuration contradict each other."""
-    if config.map is None:
-        return None
-    panels = load_map(config.map)
-    for marker_id, override in config.panels.overrides.items():
-        side_m = panels[marker_id].side_m if marker_id in panels else None
-        if side_m is not None and override.side_m is not None and side_m != override.side_m:
-            raise ConfigError(
-                f"{config.map}: panels.{marker_id}.side_m: is {side_m}, but panels.overrides.{marker_id}.side_m in "
-                f"the configuration is {override.side_m}: give it once"
-            )
-    for name, places in config.bodies.items():
-        for marker_id in places.keys() & panels.keys():
-            raise ConfigError(
-                f"{config.map}: panels.{marker_id}: is also in the configuration, as bodies.{name}.{marker_id}; a "
-                "body's panel has no place in the room: take it out of one"
-            )
-    return panels
-
-
-def unreadable_note(settings: PanelSettings, panels: PanelMap | None, file: Path | None) -> str:
-    """Names the map's panels that are never reported: without a word, or no panels by `panels.ids`; "" if none are.
-
-    That is no error: a field's layout may hold tags that others read.
-    """
-    words = len(settings.words.codewords)
-    unreadable = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
-    notes = []
-    if unreadable:
-        named = ", ".join(map(str, unreadable[:MAX_NAMED])) + (", …" if len(unreadable) > MAX_NAMED else "")
-        notes.append(f"{named} in {file} cannot be read: {settings.dictionary} has IDs 0 to {words - 1}")
-    if note := settings.unreported_note(panels or {}):
-        notes.append(f"{file}: {note}")
-    return "; ".join(notes)

@@ -14,26 +14,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, StrictBool
 
+from ledpi.config import values
 from ledpi.config.bodies import Bodies, check_bodies
 from ledpi.config.mistakes import validated
-from ledpi.config.odometry import OdometrySettings, RobotSettings
 from ledpi.config.outputs import OutputName, OutputSettings
 from ledpi.config.overrides import apply_override, rename_method
 from ledpi.config.panels import PanelSettings, check_bands_visible, check_panels
-from ledpi.config.values import (
-    GainOrAuto,
-    HostName,
-    Listen,
-    MavlinkProfile,
-    MavlinkSystem,
-    MaxAgeMs,
-    Microseconds,
-    MicrosecondsOrAuto,
-    RowTimeOrAuto,
-    Section,
-    SidePx,
-    Token,
-)
+from ledpi.config.robot import OdometrySettings, RobotSettings
 from ledpi.core.dictionaries import is_file
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_yaml
@@ -67,16 +54,16 @@ def _no_address(port: str) -> str:
     return port
 
 
-class CameraSettings(Section):
+class CameraSettings(values.Section):
     """The section `camera`."""
 
     source: Annotated[str, BeforeValidator(_known_source)] = "picamera2"
-    width: Annotated[SidePx, Field(ge=32)] = 640
-    height: Annotated[SidePx, Field(ge=32)] = 480
-    exposure_us: Microseconds = 10000.0
-    frame_duration_us: MicrosecondsOrAuto = "auto"
-    analogue_gain: GainOrAuto = "auto"
-    row_time_us: RowTimeOrAuto = "auto"
+    width: Annotated[values.SidePx, Field(ge=32)] = 640
+    height: Annotated[values.SidePx, Field(ge=32)] = 480
+    exposure_us: values.Microseconds = 10000.0
+    frame_duration_us: values.MicrosecondsOrAuto = "auto"
+    analogue_gain: values.GainOrAuto = "auto"
+    row_time_us: values.RowTimeOrAuto = "auto"
     transfer: Literal["auto", Transfer] = "auto"
     rows_from: RowsFrom = "above"
     intrinsics: Path | None = None
@@ -85,42 +72,42 @@ class CameraSettings(Section):
 Method = Literal["likelihood", "uemura"]  # of decoding: ours, and that of the source paper (Uemura and others)
 
 
-class DecodeSettings(Section):
+class DecodeSettings(values.Section):
     """The section `decode`."""
 
     method: Method = "likelihood"
 
 
-class SerialSettings(Section):
+class SerialSettings(values.Section):
     """The section `serial`."""
 
     port: Annotated[str, Field(min_length=1), AfterValidator(_no_address)] | None = None
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
     protocol: Literal["ledpi", "mavlink"] = "ledpi"
-    mavlink_profile: MavlinkProfile = "ardupilot"
-    mavlink_system: MavlinkSystem = 1
-    max_age_ms: MaxAgeMs = 100.0
+    mavlink_profile: values.MavlinkProfile = "ardupilot"
+    mavlink_system: values.MavlinkSystem = 1
+    max_age_ms: values.MaxAgeMs = 100.0
 
 
-class RewindSettings(Section):
+class RewindSettings(values.Section):
     """The section `rewind`."""
 
     seconds: Annotated[float, Field(ge=0, le=600, allow_inf_nan=False)] = 10.0
     memory_mb: Annotated[float, Field(ge=1, le=1_000_000, allow_inf_nan=False)] | None = None
 
 
-class TapSettings(Section):
+class TapSettings(values.Section):
     """The section `tap`."""
 
     socket: Annotated[str, Field(min_length=1)] | None = "auto"
 
 
-class ViewSettings(Section):
+class ViewSettings(values.Section):
     """The section `view`: `ledpi view`, the live page."""
 
-    listen: Listen = "127.0.0.1:8088"
-    token: Token | None = None
-    hosts: tuple[HostName, ...] = ()  # further names that the page is asked for by
+    listen: values.Listen = "127.0.0.1:8088"
+    token: values.Token | None = None
+    hosts: tuple[values.HostName, ...] = ()  # further names that the page is asked for by
     edit: StrictBool = False  # whoever has the token may change this file
 
     @property
@@ -130,7 +117,7 @@ class ViewSettings(Section):
         return ("127.0.0.1" if host == "localhost" else host.strip("[]")), int(port)
 
 
-class Config(Section):
+class Config(values.Section):
     """The whole configuration, valid once built. Paths in it are absolute."""
 
     camera: CameraSettings = CameraSettings()

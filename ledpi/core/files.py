@@ -42,10 +42,6 @@ def _encodable(text: str) -> bool:
     return True
 
 
-class _RepeatedKeyError(Exception):
-    pass
-
-
 class _PlainYaml(yaml.SafeLoader):
     """YAML without what surprises: keys that are there twice, the last of which would win; aliases, for gigabytes."""
 
@@ -77,8 +73,8 @@ class _PlainYaml(yaml.SafeLoader):
                 key = self.construct_object(key_node)
                 key = str(key) if isinstance(key, int) else key  # an ID is the same ID in quotes
                 if key in seen:
-                    where = f"line {key_node.start_mark.line + 1}"
-                    raise _RepeatedKeyError(f"{where}: {shortened_name(key)} is there twice; each key once")
+                    twice = f"{shortened_name(key)} is there twice; each key once"
+                    raise yaml.MarkedYAMLError(problem=twice, problem_mark=key_node.start_mark)
                 seen.add(key)
         return super().construct_mapping(node, deep)
 
@@ -197,8 +193,12 @@ def _lock(descriptor: int, wait_s: float) -> None:
 
 
 def put_in_place(fresh: Path, path: Path) -> None:
-    """Gives what `write_beside` wrote its name, in place of an older file, in one step. Raises OSError."""
-    fresh.replace(path)
+    """Gives what `write_beside` wrote its name, over an older file, in one step. Raises OSError; nothing is left."""
+    try:
+        fresh.replace(path)
+    except OSError:
+        fresh.unlink(missing_ok=True)
+        raise
     sync_folder(path.parent)
 
 
@@ -274,8 +274,6 @@ def parse_yaml(text: str, where: object, error: type[LedpiError]) -> Any:
     """Returns what the text says. Raises `error`, which begins with `where`, as `read_yaml` does."""
     try:
         return yaml.load(text, _PlainYaml)
-    except _RepeatedKeyError as caught:
-        raise error(f"{where}: {caught}") from None
     except yaml.MarkedYAMLError as caught:
         raise error(f"{where}: not valid YAML: {_located(caught)}") from None
     except Exception as caught:  # for a broken value (`!!timestamp x`) PyYAML lets through whatever came up

@@ -54,20 +54,8 @@ def rotation_angle_deg(a: Floats, b: Floats) -> float:
     return math.degrees(2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w)))
 
 
-def matrix_from_rotation_vector(vector: Floats) -> Floats:
-    """(3, 3) rotation by |vector| radians about `vector` (3,). Rodrigues' formula, series near zero."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = (float(v) for v in vector)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0.0]])
-    if angle < 1e-8:
-        small: Floats = np.eye(3) + cross
-        return small
-    turned: Floats = np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross)
-    return turned
-
-
 def rotation_vector(matrix: Floats) -> Floats:
-    """(3,) axis times angle in radians of a (3, 3) rotation, 0 to π: the inverse of `matrix_from_rotation_vector`."""
+    """(3,) axis times angle in radians of a (3, 3) rotation, 0 to π."""
     w, *axis = quaternion_from_matrix(matrix).tolist()
     length = math.hypot(*axis)
     scale = 2.0 * math.atan2(length, w) / length if length > 1e-12 else 2.0

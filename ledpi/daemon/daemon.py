@@ -12,11 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from ledpi.camera.base import Camera, GainFollower
-from ledpi.camera.exposure_notes import exposure_notes
-from ledpi.camera.factory import is_same_camera
+from ledpi.camera.factory import exposure_notes, is_same_camera
 from ledpi.camera.recovering import LOST
 from ledpi.config.camera_yaml import lens_of
-from ledpi.config.robot import unreadable_note
+from ledpi.config.check import unreadable_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected

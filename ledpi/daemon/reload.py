@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ledpi.camera.base import Camera
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import load_recording_with
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.robot import load_own_map
+from ledpi.config.check import load_own_map
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
 from ledpi.core.records import Floats

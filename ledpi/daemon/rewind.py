@@ -92,14 +92,10 @@ class Rewind:
             fault = CAMERA_LOST
         self._is_lost = lost
         if fault is not None and self._saves_faults and not nothing:
-            self.save_if_any(fault)
-
-    def save_if_any(self, cause: str) -> None:
-        """As `save`, for those who wait for nothing; what hinders it is told in the journal."""
-        try:
-            self.save(cause)
-        except RecordingError as error:
-            _log.warning(event("rewind_failed", cause=cause, reason=str(error)))
+            try:
+                self.save(fault)
+            except RecordingError as error:
+                _log.warning(event("rewind_failed", cause=fault, reason=str(error)))
 
     def stop(self) -> None:
         """Writes no further picture, while the rest of the daemon ends; what is being written stays as far as it is."""

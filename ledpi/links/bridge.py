@@ -12,13 +12,47 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ledpi.config.outputs import Kind, OutputSettings
 from ledpi.core.errors import LedpiError, TapError, TransientError
+from ledpi.core.wording import install_command
 from ledpi.daemon.reporting import event
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.links.target import BridgeError, Line, Target, TargetLostError
+from ledpi.wire.mavlink import load_dialect
+
+# By kind: the module and class, and the extra of pyproject.toml that brings what it imports.
+TARGETS: dict[Kind, tuple[str, str, str | None]] = {
+    "stdout": ("sockets", "StdoutTarget", None),
+    "udp": ("sockets", "UdpTarget", None),
+    "tcp": ("sockets", "TcpTarget", None),
+    "mqtt": ("mqtt", "MqttTarget", "mqtt"),
+    "nt": ("nt", "NtTarget", "nt"),
+    "zenoh": ("zenoh_ros", "ZenohTarget", "zenoh"),
+}
+
+
+def target_class(name: str, settings: OutputSettings) -> Callable[[OutputSettings], Target]:
+    """Returns what makes a target of these settings. Raises BridgeError, ConfigError where its packages are missing."""
+    kind = settings.kind
+    module, target, extra = TARGETS[kind]
+    if settings.format == "mavlink":
+        load_dialect(f"outputs.{name}.format")
+    try:
+        made: Callable[[OutputSettings], Target] = getattr(import_module(f"ledpi.links.{module}"), target)
+    except ImportError as error:
+        said = f"outputs.{name}: kind {kind} needs the package {error.name}"
+        raise BridgeError(f"{said}: {install_command(extra or kind)}") from None
+    return made
+
+
+def open_target(name: str, settings: OutputSettings) -> Target:
+    """The target, not yet connected. Raises LedpiError where its packages are missing, or its files cannot be read."""
+    return target_class(name, settings)(settings)
+
 
 TICK_S = 0.1
 RETRY_DAEMON_S = 0.3

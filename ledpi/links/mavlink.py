@@ -6,8 +6,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from ledpi.config.odometry import CameraMount
-from ledpi.config.robot import base_link_from_camera
+from ledpi.config.robot import CameraMount, base_link_from_camera
 from ledpi.core.errors import WireError
 from ledpi.core.records import Floats
 from ledpi.daemon.tap.frames import map_told

@@ -12,13 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.core.geometry import (
-    matrix_from_quaternion,
-    matrix_from_rpy_deg,
-    quad_area,
-    quaternion_from_matrix,
-    transform,
-)
+from ledpi.core import geometry
 from ledpi.core.records import Floats, Pose
 from ledpi.links.wpilib_values import camera_link_from_tag, pose_of
 
@@ -37,8 +31,8 @@ _BOTTOM_LEFT_FIRST = (3, 2, 1, 0)  # PhotonVision goes round against the clock
 def mount_of(hello: dict[str, Any]) -> Floats:
     """base_link_from_camera_link, (4, 4): x ahead, y left, z up, as the configuration has it."""
     mount = hello.get("camera_mount") or {}
-    turn = matrix_from_rpy_deg(*(mount.get("rpy_deg") or (0.0, 0.0, 0.0)))
-    return transform(turn, np.array(mount.get("position_m") or (0.0, 0.0, 0.0)))
+    turn = geometry.matrix_from_rpy_deg(*(mount.get("rpy_deg") or (0.0, 0.0, 0.0)))
+    return geometry.transform(turn, np.array(mount.get("position_m") or (0.0, 0.0, 0.0)))
 
 
 def packet(
@@ -61,9 +55,9 @@ def _multi_tag(frame: dict[str, Any], mount: Floats | None) -> bytes:
     if fix is None or len(used) < 2:
         return b"\0"
     robot = pose_of(fix)
-    field_from_base = transform(matrix_from_quaternion(robot.quaternion_wxyz), robot.position_m)
+    field_from_base = geometry.transform(geometry.matrix_from_quaternion(robot.quaternion_wxyz), robot.position_m)
     field_from_camera = field_from_base @ (np.eye(4) if mount is None else mount)
-    place = [*field_from_camera[:3, 3].tolist(), *quaternion_from_matrix(field_from_camera[:3, :3]).tolist()]
+    place = [*field_from_camera[:3, 3].tolist(), *geometry.quaternion_from_matrix(field_from_camera[:3, :3]).tolist()]
     errors_px = [marker["reprojection_px"] or 0.0 for marker in frame["markers"] if marker["id"] in used]
     error_px = sum(errors_px) / max(1, len(errors_px))
     both = [*place, *place]  # the alternate, too: a fix that is told has no mirror image
@@ -78,7 +72,7 @@ def _target(marker: dict[str, Any], size: tuple[int, int]) -> bytes:
     values = _TARGET.pack(
         math.degrees(math.atan2(-y, x)),  # positive to the right, and up, as PhotonVision has them
         math.degrees(math.atan2(z, math.hypot(x, y))),
-        100.0 * abs(quad_area(corners)) / (size[0] * size[1]),
+        100.0 * abs(geometry.quad_area(corners)) / (size[0] * size[1]),
         0.0,
         marker["id"],
         *_NO_OBJECT,

@@ -14,10 +14,11 @@ from ledpi.core.errors import TapError
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.page.lines import check_line
 from ledpi.page.metrics import Seen, metrics
-from ledpi.page.panels import PanelTable, panels_from_above, robot_from_above, robot_of_state
+from ledpi.page.panels import panels_from_above, robot_from_above, robot_of_state
 from ledpi.page.pictures import Pictures
 from ledpi.pipeline.diagnosis.reasons import why_no_fix
 from ledpi.workshop.doctor.running import checks
+from ledpi.workshop.monitor import PanelTable
 
 RETRY_S = 0.3  # between two looks for a daemon at the start
 TICK_S = 0.5
@@ -25,6 +26,7 @@ SILENT_S = 3.0  # without a line: a daemon says how it is each second
 ANSWER_S = 10.0
 SAVED_S = 120.0  # seconds of pictures are written as fast as the disk takes them
 BEGIN_S = 2.0  # after which a recording is taken to have begun
+FORGOTTEN_S = 30.0  # after so long unseen, a panel is no row any more
 KEPT_HEALTH = 300  # seconds
 KEPT_TRACK = 300  # places of the robot, TRACK_NS apart
 TRACK_NS = 200_000_000
@@ -50,7 +52,7 @@ class Hub:
         self._decoded: dict[str, Any] | None = None
         self._placed: dict[str, Any] | None = None  # the last line with a fix
         self._moving: dict[str, Any] | None = None  # the last `robot_state`
-        self._panels = PanelTable()
+        self._panels = PanelTable(FORGOTTEN_S)
         self._seen = Seen()
         self._history: deque[dict[str, Any]] = deque(maxlen=KEPT_HEALTH)
         self._track: deque[tuple[float, float, int]] = deque(maxlen=KEPT_TRACK)
@@ -191,7 +193,7 @@ class Hub:
             self._heard_s = time.monotonic()
         if kind == "hello":
             if self._hello is not None and any(line.get(key) != self._hello.get(key) for key in _PLACES_IN):
-                self._panels, self._placed, self._moving = PanelTable(), None, None
+                self._panels, self._placed, self._moving = PanelTable(FORGOTTEN_S), None, None
                 self._track.clear()
             self._starts += self._hello is None or not self._connected or line.get("pid") != self._hello.get("pid")
             self._hello, self._connected = line, True

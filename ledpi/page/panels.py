@@ -1,4 +1,4 @@
-"""Panels as the page shows them: drawn over a picture, in a table of those seen lately, and in the map from above.
+"""Panels as the page shows them: drawn over a picture, and in the map from above.
 
 Over a picture, pixel centres have whole numbers.
 """
@@ -6,9 +6,7 @@ Over a picture, pixel centres have whole numbers.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -23,8 +21,8 @@ from ledpi.daemon.tap.frames import lens_told, not_read_of
 from ledpi.decode.evidence.cells import CellSamples, sample_cells
 from ledpi.pipeline.diagnosis.diagnose import Diagnosis
 from ledpi.pipeline.diagnosis.reasons import explained
-from ledpi.workshop.monitor import heading_deg, yaw_deg
-from ledpi.workshop.snapshot.enlarged import TILE, bands_tile
+from ledpi.workshop.monitor import heading_deg, place_of
+from ledpi.workshop.snapshot.page import TILE, bands_tile
 
 CELL_SHARE = 0.9  # of a cell's pitch that is coloured
 
@@ -42,14 +40,6 @@ def drawn(decoded: dict[str, Any], hello: dict[str, Any]) -> list[dict[str, Any]
         }
         for marker in decoded["markers"]
     ]
-
-
-def place_of(marker: dict[str, Any]) -> dict[str, float | None]:
-    """Tells how far a panel is, and by how much it is turned to the side, as `ledpi monitor` says it."""
-    if marker["position_m"] is None:
-        return {"distance_m": None, "yaw_deg": None}
-    turned_deg = yaw_deg(marker["quaternion_wxyz"])
-    return {"distance_m": round(math.hypot(*marker["position_m"]), 4), "yaw_deg": round(turned_deg, 1)}
 
 
 def drawn_reasons(diagnoses: Sequence[Diagnosis]) -> list[dict[str, Any]]:
@@ -158,51 +148,8 @@ def _frame(pixels: Pixels, decoded: dict[str, Any], hello: dict[str, Any]) -> Fr
     )
 
 
-FORGOTTEN_NS = 30_000_000_000  # after so long unseen, a panel is no row any more
-RATE_NS = 2_000_000_000  # that a rate is counted over
 RECKONS_S = 0.3  # without a panel, after which the state is told to reckon
 SIGMAS = 2.0  # of the ellipse's half axes: it holds 86 %
-
-
-@dataclass(slots=True)
-class _Seen:
-    marker: dict[str, Any]
-    exposed_ns: int
-    times_ns: deque[int] = field(default_factory=deque)
-
-
-class PanelTable:
-    """Follows the lines `decoded`."""
-
-    def __init__(self) -> None:
-        self._seen: dict[int, _Seen] = {}
-
-    def see(self, decoded: dict[str, Any]) -> None:
-        """Takes in the markers of a frame."""
-        now_ns = decoded["exposed_ns"]
-        for marker in decoded["markers"]:
-            seen = self._seen.setdefault(marker["id"], _Seen(marker, now_ns))
-            seen.marker, seen.exposed_ns = marker, now_ns
-            seen.times_ns.append(now_ns)
-            while seen.times_ns[0] < now_ns - RATE_NS:
-                seen.times_ns.popleft()
-
-    def rows(self, now_ns: int) -> list[dict[str, Any]]:
-        """By ID. `now_ns`: CLOCK_MONOTONIC; ages are since mid-exposure, rates of the two seconds before."""
-        self._seen = {i: seen for i, seen in self._seen.items() if now_ns - seen.exposed_ns < FORGOTTEN_NS}
-        return [_row(marker_id, seen, now_ns) for marker_id, seen in sorted(self._seen.items())]
-
-
-def _row(marker_id: int, seen: _Seen, now_ns: int) -> dict[str, Any]:
-    within = sum(1 for t in seen.times_ns if now_ns - t < RATE_NS)
-    return {
-        "id": marker_id,
-        **place_of(seen.marker),
-        "age_ms": round((now_ns - seen.exposed_ns) / 1e6, 1),
-        "rate_hz": round(within / (RATE_NS / 1e9), 1),
-        "margin": seen.marker["margin"],
-        "ambiguous": seen.marker.get("alternate") is not None,
-    }
 
 
 def panels_from_above(hello: dict[str, Any]) -> list[dict[str, Any]]:

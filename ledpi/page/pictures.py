@@ -11,9 +11,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from ledpi.camera.recording.picture import with_text
-from ledpi.core.errors import TapError
 from ledpi.core.records import Floats, Pixels
-from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, why_not_of
+from ledpi.daemon.tap.frames import WITH_REASONS, frame_of, not_read_of, why_not_if_told
 from ledpi.page.encode import amplified, as_jpeg, as_png, focus, histogram
 from ledpi.page.panels import dictionary_of, drawn, drawn_reasons, paint_bands, plain_reasons
 from ledpi.pipeline.diagnosis.why_not import WhyNot
@@ -135,7 +134,7 @@ class Pictures:
             has_why = "rejected" in line
             now_s = time.monotonic()
             if has_why and hello is not self._explained:
-                self._explained, self._why_not = hello, _why_not_of(hello)
+                self._explained, self._why_not = hello, why_not_if_told(hello)
             self._newest = Shown(self._number, line, pixels, hello, now_s, has_why, self._why_not)
             self._asked_s = None
             self._changed.notify_all()
@@ -177,10 +176,3 @@ class Pictures:
         self._asked_s = now_s
         self._may_ask_s = max(self._may_ask_s + PERIOD_S, now_s + PERIOD_S / 2)
         return UNANSWERED_S
-
-
-def _why_not_of(hello: dict[str, Any]) -> WhyNot | None:
-    try:
-        return why_not_of(hello)
-    except TapError:  # a dictionary of the daemon's own, say, that only the daemon may read
-        return None

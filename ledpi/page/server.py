@@ -11,9 +11,10 @@ from __future__ import annotations
 import json
 import logging
 import struct
+import threading
 import time
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import resources
 from typing import Any, ClassVar
 
@@ -21,11 +22,10 @@ from ledpi.core.errors import TapError
 from ledpi.page.board import BoardWatch, board_of
 from ledpi.page.connections import TEXT, Answers, GuardedServer, RequestHandler, encoded
 from ledpi.page.guard import Guard
-from ledpi.page.hub import SAVED_S, Hub
+from ledpi.page.hub import ANSWER_S, SAVED_S, Hub
 from ledpi.page.metrics import KIND as METRICS
 from ledpi.page.pictures import KINDS
 from ledpi.page.settings import Settings
-from ledpi.page.takes import Takes
 
 WAIT_S = 2.0  # that a question waits for news
 _SCRIPTS = (
@@ -183,3 +183,45 @@ def _whole(query: dict[str, str], key: str) -> int:
     if not text.isascii() or not text.removeprefix("-").isdigit() or len(text) > 18:
         raise ValueError(f"{key} must be a whole number")
     return int(text)
+
+
+class Takes:
+    """Asks through a hub. From any thread; all raise TapError."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
+        self._reading = threading.Lock()  # the daemon reads for one client at a time
+
+    def listed(self) -> list[dict[str, Any]]:
+        """The newest first."""
+        return list(self._asked("takes").get("takes", []))
+
+    def delete(self, name: str) -> dict[str, Any]:
+        """For good; a long one has thousands of files. Nothing to say."""
+        self._asked("take_delete", SAVED_S, name=name)
+        return {}
+
+    def tar(self, name: str) -> tuple[int, Iterator[bytes]]:
+        """Returns how many bytes its tar file has, and these, piece by piece."""
+        first = self._piece(name, 0)
+        return int(first["size"]), self._pieces(name, first)
+
+    def _pieces(self, name: str, piece: dict[str, Any]) -> Iterator[bytes]:
+        size, sent = piece["size"], 0
+        while sent < size:
+            if piece["size"] != size or not piece.get("raw"):
+                raise TapError(f"{name}: has changed meanwhile")
+            yield piece["raw"]
+            sent += len(piece["raw"])
+            if sent < size:
+                piece = self._piece(name, sent)
+
+    def _piece(self, name: str, offset: int) -> dict[str, Any]:
+        with self._reading:
+            return self._asked("take", name=name, offset=offset)
+
+    def _asked(self, do: str, within_s: float = ANSWER_S, **values: Any) -> dict[str, Any]:
+        answer = self._hub.ask(do, within_s, **values)
+        if answer is None:
+            raise TapError("the daemon does not answer")
+        return answer

@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from ledpi.config.bodies import body_maps
+from ledpi.config.check import load_own_map
 from ledpi.config.panels import PanelSettings
-from ledpi.config.robot import base_link_from_camera, load_own_map
+from ledpi.config.robot import base_link_from_camera
 from ledpi.config.settings import Config, Method
 from ledpi.core.codewords import Dictionary
 from ledpi.core.records import (
@@ -26,7 +27,7 @@ from ledpi.core.records import (
     Pixels,
     Rejected,
 )
-from ledpi.core.row_clock import MIN_DEVIATION, RowClock
+from ledpi.core.shutter import MIN_DEVIATION, RowClock
 from ledpi.decode.uemura import NO_SQUARE, UemuraReader
 from ledpi.pipeline.likelihood import Groups, LikelihoodPath
 from ledpi.pipeline.results import Results

@@ -15,8 +15,7 @@ import numpy as np
 from ledpi.core.records import MAX_GAP_NS, Floats
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.state.filter import GATE, MIRROR_LEAD, Filter, Innovation
-from ledpi.state.inputs import Look, wrapped
-from ledpi.state.motion import POSE, SPEED, YAW, Step
+from ledpi.state.inputs import POSE, SPEED, YAW, Look, Step, wrapped
 from ledpi.state.trust import Trust
 
 MISPLACED = 0.5**2  # variance, m² and rad², of how far off a panel is that was hung or measured wrong

@@ -18,8 +18,19 @@ import numpy as np
 from ledpi.core.records import Floats, MarkerPose, PanelMap, Rejected, read_only
 from ledpi.state.belief import Belief, Event, Judge
 from ledpi.state.filter import Filter
-from ledpi.state.inputs import Look, Odometry, OdometryNoise, look_of
-from ledpi.state.motion import SILENT_NS, SPEED, TURN, Step, are_linked, between, step_between
+from ledpi.state.inputs import (
+    SILENT_NS,
+    SPEED,
+    TURN,
+    Look,
+    Odometry,
+    OdometryNoise,
+    Step,
+    are_linked,
+    between,
+    look_of,
+    step_between,
+)
 
 NOT_STARTED = Rejected(stage="state", reason="not_started")
 NOT_IN_MAP = Rejected(stage="state", reason="not_in_map")

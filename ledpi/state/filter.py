@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.records import Floats, PanelMap
-from ledpi.state.inputs import Look, wrapped
-from ledpi.state.motion import DRIFT, OWN, POSE, PRIORS, WAY_SCALE, YAW, YAW_SCALE, Step, X, Y, propagate
+from ledpi.state.inputs import DRIFT, OWN, POSE, PRIORS, WAY_SCALE, YAW, YAW_SCALE, Look, Step, X, Y, propagate, wrapped
 
 DX, DY, DYAW, RANGE = range(4)
 EACH, MOST_PANELS = 4, 8

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.state.filter import RANGE_FADES_S
-from ledpi.state.inputs import Look
-from ledpi.state.motion import Step
+from ledpi.state.inputs import Look, Step
 
 APART_M, APART_RAD = 0.4, 0.4  # motion by odometry, after which two looks at a panel tell
 LATEST_NS = 5_000_000_000  # the second, as the decoder's error of distance has faded then

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
 
-from ledpi.config.odometry import OdometrySettings
+from ledpi.config.robot import OdometrySettings
 from ledpi.core.records import MarkerPose, Rejected
 from ledpi.pose.fix import Robot
 from ledpi.state.clock import ControllerClock, Trip

@@ -21,7 +21,7 @@ from typing import Protocol
 import serial
 
 from ledpi.core.errors import WireError
-from ledpi.core.holder import described, openers, who_holds
+from ledpi.core.linux import described, openers, who_holds
 from ledpi.wire.numbers import BITS_PER_BYTE
 
 # The transmit FIFO of the Pi's PL011 (16 bytes on BCM2835 to BCM2837), which TIOCOUTQ does not see. The next

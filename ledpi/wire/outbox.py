@@ -146,7 +146,7 @@ class Outbox:
                 self._let_status_follow(first_byte_ns)
                 return fix
         if status_due:
-            self._undo = self._put_back_status
+            self._undo = partial(setattr, self, "_status_due_ns", None)
             self._status_waits = False
             self._status_due_ns = first_byte_ns + self._status_period_ns
             return self._status_at(first_byte_ns)
@@ -166,9 +166,6 @@ class Outbox:
     def put_back(self) -> None:
         """Puts back what was taken last and did not go out: it is the next, unless a newer one has come."""
         self._undo()
-
-    def _put_back_status(self) -> None:
-        self._status_due_ns = None
 
     def _put_back_fix(self, fix: tuple[RobotFix, int], sent_before_ns: int | None) -> None:
         self._sent_fix_ns = sent_before_ns

@@ -24,35 +24,16 @@ from ledpi.config.overrides import apply_override, parse_override
 from ledpi.config.settings import SEARCH_PATH, sections
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.core.files import parse_yaml, read_bytes
-from ledpi.core.mounts import lost_at_reboot
+from ledpi.core.linux import lost_at_reboot
 from ledpi.core.wording import shortened_name
-from ledpi.workshop.backup import (
-    CONFIG,
-    MAX_BYTES,
-    RULE,
-    Kept,
-    collect,
-    enabled_units,
-    is_service,
-    pack,
-    to_write,
-    unpack,
-)
-from ledpi.workshop.calibrate.files import (
-    change_config,
-    changed_safely,
-    changing,
-    check_writable,
-    newest_kept,
-    write_keeping_old,
-    write_locked,
-)
+from ledpi.workshop import backup
+from ledpi.workshop.calibrate import files
 
 _TOKEN = ("view", "token")
 _APPLIED = {"view": "start ledpi view again to apply it", "outputs": "start its bridge again to apply it"}
 
 SOCKET = Path("/run/ledpi-edit")  # of /etc/ledpi/config.yaml; of /etc/ledpi/NAME.yaml it is /run/ledpi-edit-NAME
-MOST_BYTES = 2 * MAX_BYTES  # of a line: base64 makes 4 bytes of 3
+MOST_BYTES = 2 * backup.MAX_BYTES  # of a line: base64 makes 4 bytes of 3
 REQUEST_S, ANSWER_S = 10.0, 60.0
 IDLE_S = 30.0  # after which it ends: on a small computer its memory is of more use to others
 _FIRST = 3  # descriptor that systemd passes
@@ -70,31 +51,31 @@ def is_permitted(file: Path, overrides: Sequence[str] = ()) -> bool:
 def set_keys(file: Path, items: Sequence[str]) -> Path | None:
     """Sets KEY=VALUE… if the whole file is right afterwards. Returns where the older one is kept. Raises LedpiError."""
     changes = dict(parse_override(item) for item in items)
-    check_writable(file)
+    files.check_writable(file)
 
     def check() -> None:
         if mistakes := mistakes_in(file, items, with_files=False):
             raise ConfigError("; ".join(mistakes))
 
-    return change_config(file, changes, check)
+    return files.change_config(file, changes, check)
 
 
 def undo(file: Path, to: str) -> None:
     """Brings back the newest older file, if its name is `to`, and keeps the one that is there. Raises LedpiError."""
-    with changing(file):
-        older = newest_kept(file)
+    with files.changing(file):
+        older = files.newest_kept(file)
         if older is None or older.name != to:
             raise ConfigError(f"{file}: somebody else has changed it; look again")
         content = read_bytes(older, ConfigError)
         if mistakes := mistakes_in_text(content.decode("utf-8-sig", "replace"), str(older)):
             raise ConfigError("; ".join(mistakes))
-        write_locked(file, content)
+        files.write_locked(file, content)
 
 
 def packed_without_token(file: Path) -> bytes:
     """A backup that may lie about. Raises LedpiError."""
-    kept = [each._replace(content=_with_token(each, None)) for each in collect(file)]
-    return pack(kept, enabled_units() if is_service(file) else [])
+    kept = [each._replace(content=_with_token(each, None)) for each in backup.collect(file)]
+    return backup.pack(kept, backup.enabled_units() if backup.is_service(file) else [])
 
 
 def restore(file: Path, archive: bytes) -> list[str]:
@@ -102,33 +83,35 @@ def restore(file: Path, archive: bytes) -> list[str]:
 
     Nothing is looked for on this machine, as who asks may not read all of it, and another camera's file must permit it.
     """
-    saved, said = unpack(archive, "backup"), []
+    saved, said = backup.unpack(archive, "backup"), []
     brought = {(kept.kind, kept.path) for kept in saved.files}
     for named in (each for _, raw in saved.configurations() for each in named_files(raw)):
         if (named.kind, named.path) not in brought:
             raise ConfigError(
                 f"{named.key}: {shortened_name(named.path)} is not in the backup, which must be whole here"
             )
-    changed = to_write(saved, file, "backup")
+    changed = backup.to_write(saved, file, "backup")
     for to, kept in changed:
-        if kept.kind == CONFIG and kept.path and to.exists() and not is_permitted(to):
+        if kept.kind == backup.CONFIG and kept.path and to.exists() and not is_permitted(to):
             raise ConfigError(f"{to}: view.edit: must be true")
     for to, kept in changed:
-        if kept.kind == RULE:
+        if kept.kind == backup.RULE:
             said.append(f"{to} is left as it is: only sudo ledpi restore writes it")
             continue
-        own = _view(sections(to)).get("token") if kept.kind == CONFIG and to.exists() else None
-        write_keeping_old(to, kept.content if own is None else _with_token(kept, own))
+        own = _view(sections(to)).get("token") if kept.kind == backup.CONFIG and to.exists() else None
+        files.write_keeping_old(to, kept.content if own is None else _with_token(kept, own))
         said.append(f"{kept.kind}: {to}")
     return said or ["everything is there already"]
 
 
-def _with_token(kept: Kept, token: str | None) -> bytes:
+def _with_token(kept: backup.Kept, token: str | None) -> bytes:
     """The content, if it is a configuration with the token in place of none, or with none in place of one."""
     text = kept.content.decode("utf-8-sig", "replace")
-    if kept.kind != CONFIG or (_view(parse_yaml(text, "backup", ConfigError)).get("token") is None) == (token is None):
-        return kept.content
-    return changed_safely(text, {_TOKEN: token}, "backup").encode()
+    if kept.kind == backup.CONFIG:
+        own = _view(parse_yaml(text, "backup", ConfigError)).get("token")
+        if (own is None) != (token is None):
+            return files.changed_safely(text, {_TOKEN: token}, "backup").encode()
+    return kept.content
 
 
 def _view(raw: Any) -> Mapping[str, Any]:

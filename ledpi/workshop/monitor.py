@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from ledpi.pipeline.diagnosis.why_not import Why
     from ledpi.workshop.doctor.finding import Finding
 
-RATE_S = 2.0  # over which detections are counted
+RATE_NS = 2_000_000_000  # over which detections are counted
 GONE_S = 10.0  # after which a panel that is not seen leaves the table
 OLD_S = 0.5  # from which on its row is dim
 MOST_REASONS = 4
@@ -29,9 +30,54 @@ _NO_POSE = "–"
 
 
 @dataclass(slots=True)
-class _Panel:
-    newest: dict[str, Any]  # of `markers`
-    times_s: deque[float] = field(default_factory=deque)  # of its detections, CLOCK_MONOTONIC
+class _Seen:
+    marker: dict[str, Any]
+    exposed_ns: int
+    times_ns: deque[int] = field(default_factory=deque)
+
+
+class PanelTable:
+    """Follows the lines `decoded`."""
+
+    def __init__(self, forgotten_s: float) -> None:
+        """`forgotten_s`: after so long unseen, a panel is no row any more."""
+        self._forgotten_ns = forgotten_s * 1e9
+        self._seen: dict[int, _Seen] = {}
+
+    def see(self, decoded: dict[str, Any]) -> None:
+        """Takes in the markers of a frame."""
+        now_ns = decoded["exposed_ns"]
+        for marker in decoded["markers"]:
+            seen = self._seen.setdefault(marker["id"], _Seen(marker, now_ns))
+            seen.marker, seen.exposed_ns = marker, now_ns
+            seen.times_ns.append(now_ns)
+            while seen.times_ns[0] < now_ns - RATE_NS:
+                seen.times_ns.popleft()
+
+    def rows(self, now_ns: float) -> list[dict[str, Any]]:
+        """By ID. `now_ns`: CLOCK_MONOTONIC; ages are since mid-exposure, rates of the two seconds before."""
+        self._seen = {i: seen for i, seen in self._seen.items() if now_ns - seen.exposed_ns < self._forgotten_ns}
+        return [_row(marker_id, seen, now_ns) for marker_id, seen in sorted(self._seen.items())]
+
+
+def _row(marker_id: int, seen: _Seen, now_ns: float) -> dict[str, Any]:
+    within = sum(1 for t in seen.times_ns if now_ns - t < RATE_NS)
+    return {
+        "id": marker_id,
+        **place_of(seen.marker),
+        "age_ms": round((now_ns - seen.exposed_ns) / 1e6, 1),
+        "rate_hz": round(within / (RATE_NS / 1e9), 1),
+        "margin": seen.marker["margin"],
+        "ambiguous": seen.marker.get("alternate") is not None,
+    }
+
+
+def place_of(marker: dict[str, Any]) -> dict[str, float | None]:
+    """Tells how far a panel is, and by how much it is turned to the side."""
+    if marker["position_m"] is None:
+        return {"distance_m": None, "yaw_deg": None}
+    turned_deg = yaw_deg(marker["quaternion_wxyz"])
+    return {"distance_m": round(math.hypot(*marker["position_m"]), 4), "yaw_deg": round(turned_deg, 1)}
 
 
 class Live:
@@ -41,7 +87,7 @@ class Live:
         self._hello: dict[str, Any] = {}
         self._health: dict[str, Any] = {}
         self._before: dict[str, int] = {}  # rejected, a second before
-        self._panels: dict[int, _Panel] = {}
+        self._panels = PanelTable(GONE_S)
         self._fix: tuple[dict[str, Any], float] | None = None
         self._state: dict[str, Any] | None = None  # of the robot
         self._wrong: list[Finding] = []
@@ -70,28 +116,20 @@ class Live:
         self._why = why
 
     def _decoded(self, line: dict[str, Any]) -> None:
-        at_s = line["exposed_ns"] * 1e-9
         self._dropped = line["dropped"]
-        for marker in line["markers"]:
-            panel = self._panels.setdefault(marker["id"], _Panel(marker))
-            panel.newest = marker
-            panel.times_s.append(at_s)
+        self._panels.see(line)
         if line["robot"] is not None:
-            self._fix = line["robot"], at_s
+            self._fix = line["robot"], line["exposed_ns"] * 1e-9
 
     def shown(self, now_s: float) -> RenderableType:
         """As it is at this time of CLOCK_MONOTONIC."""
-        self._panels = {key: panel for key, panel in self._panels.items() if now_s - panel.times_s[-1] < GONE_S}
         table = Table(box=None, pad_edge=False, header_style="bold")
         for name in ("ID", "distance", "yaw", "age", "rate", "margin"):
             table.add_column(name, justify="right")
-        for marker_id, panel in sorted(self._panels.items()):
-            while panel.times_s[0] < now_s - RATE_S and len(panel.times_s) > 1:
-                panel.times_s.popleft()
-            old = now_s - panel.times_s[-1] > OLD_S
-            table.add_row(str(marker_id), *_cells(panel, now_s), style="dim" if old else "")
+        for row in self._panels.rows(1e9 * now_s):
+            table.add_row(str(row["id"]), *_cells(row), style="dim" if row["age_ms"] > 1e3 * OLD_S else "")
         nothing = Text("no panel seen in the last 10 s", style="dim")
-        panels = table if self._panels else nothing
+        panels = table if table.row_count else nothing
         told = (
             *self._why_lines(),
             *self._wrong_lines(),
@@ -106,9 +144,9 @@ class Live:
         if self._lost:
             return self._daemon().plain
         seen = [
-            f"ID {marker_id} {' '.join(_cells(panel, now_s)[:2])}"
-            for marker_id, panel in sorted(self._panels.items())
-            if now_s - panel.times_s[-1] <= OLD_S
+            f"ID {row['id']} {' '.join(_cells(row)[:2])}"
+            for row in self._panels.rows(1e9 * now_s)
+            if row["age_ms"] <= 1e3 * OLD_S
         ]
         health = self._health
         state = [f"{health['state'].replace('_', ' ')}, {health['frames_per_s']:.0f} frames/s"] if health else []
@@ -129,10 +167,10 @@ class Live:
         return [Text(f"{one.name}: {one.said}; {one.remedy}", style="yellow") for one in self._wrong]
 
     def _why_lines(self) -> list[Text]:
-        """Says what is not read, and why; what most likely is no panel is left out."""
+        """Says what is not read, and why."""
         if self._why is None or self._lost:
             return []
-        told = [one for one in self._why.diagnoses if one.kind != "shape"][:MOST_REASONS]
+        told = self._why.told[:MOST_REASONS]
         lines = [(one.line, one.helps) for one in told] + [(note.says, note.helps) for note in self._why.notes]
         return [Text(f"{says}; {helps}" if helps else says, style="yellow") for says, helps in lines]
 
@@ -202,13 +240,11 @@ def _in_words(key: str) -> str:
     return f"{means} ({helps})" if helps else means
 
 
-def _cells(panel: _Panel, now_s: float) -> list[str]:
-    marker, times = panel.newest, panel.times_s
+def _cells(row: dict[str, Any]) -> list[str]:
     where = [_NO_POSE, _NO_POSE]
-    if marker["position_m"] is not None:
-        where = [f"{math.hypot(*marker['position_m']):.3f} m", f"{yaw_deg(marker['quaternion_wxyz']):+.1f}°"]
-    rate = sum(time_s >= now_s - RATE_S for time_s in times) / RATE_S
-    return [*where, _age(now_s - times[-1]), f"{rate:.0f}/s", f"{marker['margin']:.0f}"]
+    if row["distance_m"] is not None:
+        where = [f"{row['distance_m']:.3f} m", f"{row['yaw_deg']:+.1f}°"]
+    return [*where, _age(row["age_ms"] / 1e3), f"{row['rate_hz']:.0f}/s", f"{row['margin']:.0f}"]
 
 
 def yaw_deg(quaternion_wxyz: list[float]) -> float:
@@ -220,7 +256,7 @@ def yaw_deg(quaternion_wxyz: list[float]) -> float:
     return math.degrees(math.atan2(x, -z))
 
 
-def heading_deg(quaternion_wxyz: list[float]) -> float:
+def heading_deg(quaternion_wxyz: Sequence[float]) -> float:
     """Returns that of the robot in the map: 0 looks along x, + turns to y."""
     w, x, y, z = quaternion_wxyz
     return math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))

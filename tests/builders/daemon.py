@@ -59,10 +59,13 @@ class Controller:
         while True:
             ready, _, _ = select.select([self._master], [], [], 0.02)
             if ready:
-                messages = self.receiver.feed(os.read(self._master, 65536))
-                self.got += [(time.monotonic(), message) for message in messages]
+                for message in self.receiver.feed(os.read(self._master, 65536)):
+                    self.hear(message)
             elif self._closing.is_set():
                 return
+
+    def hear(self, message: Message) -> None:
+        self.got.append((time.monotonic(), message))
 
     @property
     def markers(self) -> list[MarkerMessage]:

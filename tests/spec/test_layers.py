@@ -25,7 +25,6 @@ PURE = [
     "ledpi.core.shutter",
     "ledpi.core.geometry",
     "ledpi.core.records",
-    "ledpi.core.row_clock",
     "ledpi.pipeline.output",
     "ledpi.pipeline.trace",
     "ledpi.pipeline.diagnosis.look",

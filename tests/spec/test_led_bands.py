@@ -15,7 +15,7 @@ FREQUENCIES = [500.0, 700.0, 800.0, 1000.0, 1500.0, 2000.0, 2500.0, 3000.0]
 
 
 def correlation(picture: np.ndarray, frequency_hz: float) -> float:
-    part = bench.middle_of_lamp(picture, 1e6 / frequency_hz / 33.67)
+    part = bench.part_with_bands(picture, 1e6 / frequency_hz / 33.67)
     assert part is not None
     photograph = bench.Photograph("made", frequency_hz, part.astype(float))
     return bench.fitted(bench.row_profile(photograph, bench.srgb_tone), frequency_hz)[0]
@@ -38,7 +38,7 @@ def test_saturated_pixels_are_left_out() -> None:
 
 def test_a_lamp_of_too_few_periods_is_left_out() -> None:
     """Less than one and a half periods of bands are no evidence."""
-    assert bench.middle_of_lamp(photographed_lamp(100.0, depth=0.5), 297.0) is None
+    assert bench.part_with_bands(photographed_lamp(100.0, depth=0.5), 297.0) is None
 
 
 def test_without_the_photographs_it_says_what_is_missing(tmp_path: Path) -> None:

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.render import Renderer, scene_truth
 from ledpi.camera.simulate.scene import Panel, Room, Scene, SimulatedSensor
 from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.camera.simulate.sensor import sensor_info
 from ledpi.camera.simulate.trajectory import Still, facing_camera
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.settings import load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.geometry import rotation_angle_deg, transform

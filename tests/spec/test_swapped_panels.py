@@ -20,7 +20,7 @@ from ledpi.camera.simulate.trajectory import Still
 from ledpi.config.settings import load_config
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats
-from ledpi.core.row_clock import RowClock
+from ledpi.core.shutter import RowClock
 from ledpi.workshop.evaluate.scoring import PanelReader
 
 PANELS = load_config(None, ("panels.side_m=0.16",)).panels

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluation.drives.plant import Plant, steered
-from evaluation.drives.robot import DT_S
+from evaluation.drives.robot import DT_S, Plant, steered
 from examples.tap_robot import NEAR_M, STAND, drive, go_through
 from ledpi.config.settings import load_config
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, inverse, matrix_from_rpy_deg, transform

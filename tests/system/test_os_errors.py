@@ -19,7 +19,7 @@ from ledpi.camera.factory import open_camera
 from ledpi.camera.recovering import RecoveringCamera
 from ledpi.config.settings import SerialSettings, load_config
 from ledpi.core.errors import CameraLostError
-from ledpi.core.holder import who_holds
+from ledpi.core.linux import who_holds
 from ledpi.daemon.daemon import Daemon
 from ledpi.wire import State
 from ledpi.wire.line import SerialLine

@@ -18,6 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ledpi.camera.base import frame_by
 from ledpi.config.settings import CameraSettings
 from ledpi.config.values import MAX_SIDE_PX
 from ledpi.core.errors import ConfigError, RecordingError
@@ -179,14 +180,7 @@ def read_still(path: Path, camera: CameraInfo, seq: int = 0) -> Frame:
         raise RecordingError(f"{path}: cannot be read as a picture of 8 or 16 bits; {wanted}")
     if picture.shape != (camera.height, camera.width):
         raise RecordingError(f"{path}: is {picture.shape[1]} × {picture.shape[0]}; {wanted}")
-    return Frame(
-        pixels=picture,
-        seq=seq,
-        row0_readout_ns=0,
-        exposure_us=camera.exposure_us,
-        row_time_us=camera.row_time_us,
-        transfer=camera.transfer,
-    )
+    return frame_by(camera, picture, seq)
 
 
 def decode_grey(data: bytes) -> Pixels | None:

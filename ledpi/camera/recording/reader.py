@@ -27,10 +27,11 @@ from ledpi.camera.recording.format import (
     read_header,
     read_lines,
 )
+from ledpi.camera.recording.picture import BadPicture, read_picture
 from ledpi.config.values import check_cycles_fit, check_lens
 from ledpi.core.errors import RecordingError, raising
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Pixels, Pose, read_only
-from ledpi.core.row_clock import RowClock
+from ledpi.core.shutter import RowClock
 
 _LENS_KEYS = ("fx", "fy", "cx", "cy", "distortion")
 
@@ -60,7 +61,7 @@ class TruthMarker:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recording:
-    """A recording whose description is valid. Its pictures are read one by one, with `read_picture`."""
+    """A recording whose description is valid. Its pictures are read one by one."""
 
     folder: Path
     camera: CameraInfo
@@ -75,6 +76,11 @@ class Recording:
     def panel_values(self) -> PanelValues:
         """The panels that it shows."""
         return PanelValues(dictionary=self.dictionary, **asdict(self.panel))
+
+    def read(self, entry: FrameEntry) -> Frame | BadPicture:
+        """The frame of `entry`, in pixels of its own; or why its picture cannot be read."""
+        pixels = np.empty((self.camera.height, self.camera.width), np.uint8)
+        return read_picture(entry.picture, pixels) or self.frame(entry, pixels)
 
     def frame(self, entry: FrameEntry, pixels: Pixels, *, host_offset_ns: int = 0) -> Frame:
         """The frame of `entry`, once `pixels` (H, W) hold its picture; marks `pixels` read-only."""

@@ -12,22 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.camera.simulate.optics import (
-    SUPERSAMPLING,
-    Blur,
-    PoseAt,
-    Region,
-    apply_homography,
-    irradiance,
-    look_up,
-    node_pixels,
-    plane_homography,
-    rays_of,
-    region_of,
-    seen_at,
-    spread,
-    whole_picture,
-)
+from ledpi.camera.simulate import optics
 from ledpi.camera.simulate.scene import SimulatedSensor, Wave
 from ledpi.camera.simulate.surface import Image, Surface
 from ledpi.core.lens import distort
@@ -48,21 +33,24 @@ class Layer:
 class Exposed:
     """A surface in one frame, before its classes' blinking is applied."""
 
-    region: Region
+    region: optics.Region
     parts: tuple[Layer, ...]
 
 
 def expose_still(surface: Surface, camera_from_surface: Floats, sensor: SimulatedSensor) -> Exposed | None:
     """A surface that stands still for good; None where none of it is in view."""
-    blur = Blur.from_sensor(sensor)
+    blur = optics.Blur.from_sensor(sensor)
     margin = blur.margin_px
-    covered = region_of(surface, camera_from_surface, sensor.intrinsics, margin)
-    region = covered.intersection(whole_picture(sensor.intrinsics)) if covered is not None else None
+    covered = optics.region_of(surface, camera_from_surface, sensor.intrinsics, margin)
+    region = covered.intersection(optics.whole_picture(sensor.intrinsics)) if covered is not None else None
     if region is None:
         return None
     around = region.grown(margin)
-    planes = irradiance(surface, camera_from_surface, around, sensor.intrinsics, blur)
-    step, first = SUPERSAMPLING, SUPERSAMPLING * margin + SUPERSAMPLING // 2  # at the first pixel's centre
+    planes = optics.irradiance(surface, camera_from_surface, around, sensor.intrinsics, blur)
+    step, first = (
+        optics.SUPERSAMPLING,
+        optics.SUPERSAMPLING * margin + optics.SUPERSAMPLING // 2,
+    )  # at the first pixel's centre
     rows, columns = (slice(first, first + step * pixels, step) for pixels in (region.height, region.width))
     pixels = [np.ascontiguousarray(plane[rows, columns]) for plane in planes]
     return Exposed(region, (Layer(tuple(pixels[:-1]), pixels[-1]),))
@@ -75,7 +63,7 @@ class _Drift:
     Known at the region's node pixels; exact at t0 − h, t0 and t0 + h.
     """
 
-    region: Region
+    region: optics.Region
     t0_s: float
     half_span_s: float
     pixels: Floats  # (nodes, 2)
@@ -94,48 +82,50 @@ class _Drift:
         return self.pixels + self.slope * s + self.bend * s * s
 
 
-def expose_moving(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, seq: int) -> Exposed | None:
+def expose_moving(surface: Surface, pose_at: optics.PoseAt, sensor: SimulatedSensor, seq: int) -> Exposed | None:
     """A surface in motion: rendered once, as it is at t0, then shifted to where each row's parts see it."""
-    lens, blur = sensor.intrinsics, Blur.from_sensor(sensor)
+    lens, blur = sensor.intrinsics, optics.Blur.from_sensor(sensor)
     margin = blur.margin_px
     drift = _drift(surface, pose_at, sensor, seq)
     if drift is None:
         return None
     pose = pose_at(drift.t0_s)
-    covered = region_of(surface, pose, lens, margin)
-    reach = whole_picture(lens).grown(drift.reach_px() + margin)
+    covered = optics.region_of(surface, pose, lens, margin)
+    reach = optics.whole_picture(lens).grown(drift.reach_px() + margin)
     around = covered.intersection(reach) if covered is not None else None
     if around is None:
         return None
-    planes = irradiance(surface, pose, around, lens, blur)
+    planes = optics.irradiance(surface, pose, around, lens, blur)
     exposure_s = sensor.exposure_us * 1e-6
     parts = max(1, math.ceil(drift.speed_px_s() * exposure_s / _STEP_PX))
     mid_exposure_s = sensor.mid_exposure_s(seq, 0) + drift.pixels[:, 1] * sensor.row_time_us * 1e-6
     layers = []
     for part in range(parts):
         times_s = mid_exposure_s + ((part + 0.5) / parts - 0.5) * exposure_s
-        samples = (drift.place_at_t0(times_s) - (around.x0, around.y0)) * SUPERSAMPLING + SUPERSAMPLING // 2
-        maps = spread(samples, drift.region)
-        moved = [look_up(plane, *maps) for plane in planes]
+        samples = (
+            drift.place_at_t0(times_s) - (around.x0, around.y0)
+        ) * optics.SUPERSAMPLING + optics.SUPERSAMPLING // 2
+        maps = optics.spread(samples, drift.region)
+        moved = [optics.look_up(plane, *maps) for plane in planes]
         layers.append(Layer(tuple(moved[:-1]), moved[-1]))
     return Exposed(drift.region, tuple(layers))
 
 
-def _drift(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, seq: int) -> _Drift | None:
+def _drift(surface: Surface, pose_at: optics.PoseAt, sensor: SimulatedSensor, seq: int) -> _Drift | None:
     lens = sensor.intrinsics
     at_middle = pose_at(sensor.mid_exposure_s(seq, (lens.height - 1) / 2.0))
-    covered = region_of(surface, at_middle, lens, 16)  # 16: as far as it may move till its own rows' time
+    covered = optics.region_of(surface, at_middle, lens, 16)  # 16: as far as it may move till its own rows' time
     if covered is None:
         return None
-    centre_px, t0_s = seen_at(np.zeros(3), pose_at, sensor, seq)
+    centre_px, t0_s = optics.seen_at(np.zeros(3), pose_at, sensor, seq)
     rows = max(abs(covered.y0 - centre_px[1]), abs(covered.y1 - centre_px[1]))
     half_span_s = (min(rows, 2.0 * lens.height) * sensor.row_time_us + sensor.exposure_us / 2.0) * 1e-6
     before, now, after = (pose_at(t0_s + s * half_span_s) for s in (-1.0, 0.0, 1.0))
     region = _swept(surface, (before, now, after), sensor)
     if region is None:
         return None
-    pixels = node_pixels(region)
-    rays = rays_of(pixels, lens)
+    pixels = optics.node_pixels(region)
+    rays = optics.rays_of(pixels, lens)
     early, late = (_place_at_pose(rays, pose, now, lens) for pose in (before, after))
     return _Drift(
         region=region,
@@ -147,21 +137,21 @@ def _drift(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, seq: int)
     )
 
 
-def _swept(surface: Surface, poses: tuple[Floats, ...], sensor: SimulatedSensor) -> Region | None:
+def _swept(surface: Surface, poses: tuple[Floats, ...], sensor: SimulatedSensor) -> optics.Region | None:
     """Pixels of the picture that the surface covers at any of the poses."""
-    margin = Blur.from_sensor(sensor).margin_px
-    regions = [r for r in (region_of(surface, p, sensor.intrinsics, margin) for p in poses) if r is not None]
+    margin = optics.Blur.from_sensor(sensor).margin_px
+    regions = [r for r in (optics.region_of(surface, p, sensor.intrinsics, margin) for p in poses) if r is not None]
     if not regions:
         return None
     low_x, low_y = min(r.x0 for r in regions), min(r.y0 for r in regions)
-    swept = Region(low_x, low_y, max(r.x1 for r in regions), max(r.y1 for r in regions))
-    return swept.intersection(whole_picture(sensor.intrinsics))
+    swept = optics.Region(low_x, low_y, max(r.x1 for r in regions), max(r.y1 for r in regions))
+    return swept.intersection(optics.whole_picture(sensor.intrinsics))
 
 
 def _place_at_pose(rays: Floats, seen: Floats, there: Floats, lens: Intrinsics) -> Floats:
     """Returns where what `rays` (N, 2) see of a surface at pose `seen` is in the picture at pose `there`."""
-    ray_to_ray = np.asarray(plane_homography(there) @ np.linalg.inv(plane_homography(seen)), np.float64)
-    return distort(apply_homography(ray_to_ray, rays), lens)
+    ray_to_ray = np.asarray(optics.plane_homography(there) @ np.linalg.inv(optics.plane_homography(seen)), np.float64)
+    return distort(optics.apply_homography(ray_to_ray, rays), lens)
 
 
 def add_to(
@@ -196,7 +186,7 @@ def add_to(
 
 
 def _part_weights(
-    wave: Wave | None, phase_cycles: float, region: Region, parts: int, sensor: SimulatedSensor, seq: int
+    wave: Wave | None, phase_cycles: float, region: optics.Region, parts: int, sensor: SimulatedSensor, seq: int
 ) -> Image:
     """(parts, rows): the share of the whole exposure that is on and in that part; the parts sum to w(y)."""
     if wave is None:

@@ -8,18 +8,20 @@ whose cells were traced shows what the trace says.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+import cv2
 import numpy as np
 
 from ledpi.camera.recording.reader import TruthMarker
 from ledpi.camera.simulate.exposure import Exposed, add_to, expose_moving, expose_still
-from ledpi.camera.simulate.optics import PoseAt, shows_front
-from ledpi.camera.simulate.scene import Panel, Scene
+from ledpi.camera.simulate.optics import Blur, PoseAt, node_pixels, rays_of, seen_at, shows_front, spread, whole_picture
+from ledpi.camera.simulate.scene import Panel, Room, Scene, SimulatedSensor
 from ledpi.camera.simulate.sensor import SensorReadout
 from ledpi.camera.simulate.surface import Image, Surface, light_surface, panel_surface, print_surface
-from ledpi.camera.simulate.truth import pose_seen, scene_truth
-from ledpi.camera.simulate.wall import Wall
-from ledpi.core.geometry import inverse
-from ledpi.core.records import Floats, Frame, Pixels
+from ledpi.camera.simulate.trajectory import Trajectory
+from ledpi.core.geometry import inverse, quaternion_from_matrix
+from ledpi.core.records import Floats, Frame, Intrinsics, Pixels, Pose, read_only
 
 _NOISE, _OSCILLATORS, _MAINS = 0, 1, 2  # independent streams of random numbers
 
@@ -117,10 +119,11 @@ class Renderer:
         sequence = np.random.SeedSequence(self._seed, spawn_key=(_NOISE, seq))
         self._readout.read(self.light(seq), np.random.Generator(np.random.SFC64(sequence)), into)
 
-    def frame(self, seq: int, *, reported_row_time: float = 1.0) -> Frame:
-        """Frame `seq`, in pixels of its own, with what the driver says of it: row time and exposure times a factor."""
+    def frame(self, seq: int, into: Pixels | None = None, *, reported_row_time: float = 1.0) -> Frame:
+        """Frame `seq`, in `into` or pixels of its own; the driver says its row time and exposure times a factor."""
         sensor = self.scene.sensor
-        pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
+        size = (sensor.intrinsics.height, sensor.intrinsics.width)
+        pixels = np.empty(size, np.uint8) if into is None else into.view()
         self.render(seq, pixels)
         return Frame(
             pixels=pixels,
@@ -135,3 +138,132 @@ class Renderer:
     def truth(self, seq: int) -> tuple[TruthMarker, ...]:
         """The markers that are in view in frame `seq`. Changes nothing: may be asked from another thread."""
         return scene_truth(self.scene, seq)
+
+
+_TEXELS = 1024
+_SPAN = 1.6  # width of the painted picture over the wall's distance: about one texel a pixel at fx = 640
+_MIN_COSINE = 0.05  # cosine to the wall's normal: beyond it, and behind, the wall goes on as it is there
+
+
+class Wall:
+    """The wall as one camera sees it, blurred as by its lens. The picture repeats itself, mirrored."""
+
+    def __init__(self, room: Room, sensor: SimulatedSensor) -> None:
+        self._distance_m = room.distance_m
+        self._sensor = sensor
+        lens = sensor.intrinsics
+        self._pixels = node_pixels(whole_picture(lens))
+        self._rays = np.column_stack([rays_of(self._pixels, lens), np.ones(len(self._pixels))])
+        blur_texels = max(Blur.from_sensor(sensor).rms_px, 0.3) * _TEXELS / (_SPAN * lens.fx)
+        self._painted: Image = np.asarray(cv2.GaussianBlur(_painted(room), (0, 0), blur_texels), np.float32)
+
+    def seen(self, camera_motion: Trajectory, seq: int) -> Image:
+        """(H, W) linear light, each row as at its mid-exposure; motion within the exposure is left out."""
+        maps = spread(self._texels(camera_motion, seq), whole_picture(self._sensor.intrinsics))
+        seen = cv2.remap(self._painted, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        return np.asarray(seen, np.float32)
+
+    def _texels(self, camera_motion: Trajectory, seq: int) -> Floats:
+        """Returns where the node pixels see the painted picture: a quadratic in time through three of the rows."""
+        last = self._sensor.intrinsics.height - 1.0
+        at_rows = []
+        for row in (0.0, last / 2.0, last):
+            camera = camera_motion.scene_from_body(self._sensor.mid_exposure_s(seq, row))
+            ahead = self._rays @ camera[:3, :3].T
+            reach = (self._distance_m - camera[2, 3]) / np.maximum(ahead[:, 2:], _MIN_COSINE)
+            at_rows.append((camera[:2, 3] + ahead[:, :2] * reach) / self._distance_m)
+        first, middle, final = at_rows
+        s = self._pixels[:, 1:] / last * 2.0 - 1.0
+        on_wall = middle + s * (final - first) / 2.0 + s * s * ((final + first) / 2.0 - middle)
+        return np.asarray(on_wall * (_TEXELS / _SPAN) + (_TEXELS - 1) / 2.0)
+
+
+def _painted(room: Room) -> Image:
+    """(_TEXELS, _TEXELS) levels."""
+    picture = _picture(room.texture)
+    return np.asarray(room.level * (1.0 + picture * (room.contrast / np.abs(picture).max())), np.float32)
+
+
+@lru_cache(maxsize=1)  # one room is often photographed several times: with panels, with prints in their place
+def _picture(texture: int) -> Image:
+    """(_TEXELS, _TEXELS) of mean 0: blotches of every size, boards, frames, lines."""
+    rng = np.random.default_rng((texture, 77))
+    picture = np.zeros((_TEXELS, _TEXELS), np.float32)
+    for octave in range(2, 9):
+        grain = rng.standard_normal((2**octave, 2**octave)).astype(np.float32)
+        picture += cv2.resize(grain, (_TEXELS, _TEXELS), interpolation=cv2.INTER_CUBIC) * 0.6**octave
+    picture /= np.abs(picture).max()
+    for _ in range(60):
+        x, y = rng.integers(0, _TEXELS, 2)
+        width, height = (int(v) for v in rng.integers(15, 220, 2))
+        shade = float(rng.uniform(-0.8, 0.8))
+        far = (int(x) + width, int(y) + height)
+        cv2.rectangle(picture, (int(x), int(y)), far, shade, int(rng.choice([cv2.FILLED, 2, 6])), cv2.LINE_AA)
+    for _ in range(120):
+        x, y = rng.integers(0, _TEXELS, 2)
+        dx, dy = rng.integers(-90, 90, 2)
+        end = (int(x + dx), int(y + dy))
+        shade, thick = float(rng.uniform(-0.9, 0.9)), int(rng.integers(1, 4))
+        cv2.line(picture, (int(x), int(y)), end, shade, thick, cv2.LINE_AA)
+    picture -= picture.mean()
+    return picture
+
+
+_MAX_TANGENT = 2.75  # of a corner's angle from the optical axis, 70°: lens models end there
+
+
+def scene_truth(scene: Scene, seq: int) -> tuple[TruthMarker, ...]:
+    """The markers that are in view in frame `seq`."""
+    found = (marker_truth(p, pose_seen(scene, p.motion), scene.sensor, seq) for p in scene.panels)
+    return tuple(truth for truth in found if truth is not None)
+
+
+def pose_seen(scene: Scene, motion: Trajectory) -> PoseAt:
+    """camera_from_body of what moves so, as a function of time."""
+    camera = scene.camera_motion
+    return lambda t_s: inverse(camera.scene_from_body(t_s)) @ motion.scene_from_body(t_s)
+
+
+def panel_corners_m(side_m: float) -> Floats:
+    """(4, 3) corners in a panel's frame, in the marker's order."""
+    return side_m / 2.0 * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
+
+
+def marker_truth(panel: Panel, pose_at: PoseAt, sensor: SimulatedSensor, seq: int) -> TruthMarker | None:
+    """A panel's truth in frame `seq`; None for decoys, panels out of view, and panels that turn their back.
+
+    Each corner is where its own row's mid-exposure sees it; the pose is at the mid-exposure of the row of the
+    panel's centre. Whether something else stands before the panel is not looked at.
+    """
+    corners_m = panel_corners_m(panel.spec.side_m)
+    mid_frame = pose_at(sensor.mid_exposure_s(seq, (sensor.intrinsics.height - 1) / 2.0))
+    if panel.marker_id is None or not _is_before_camera(corners_m, mid_frame):
+        return None
+    corners = np.array([seen_at(corner, pose_at, sensor, seq)[0] for corner in corners_m])
+    in_view, whole = _is_in_view(corners, sensor.intrinsics)
+    if not in_view:
+        return None
+    pose = pose_at(seen_at(np.zeros(3), pose_at, sensor, seq)[1])
+    return TruthMarker(
+        id=panel.marker_id,
+        corners_px=read_only(corners),
+        camera_from_marker=Pose(
+            position_m=read_only(pose[:3, 3]), quaternion_wxyz=read_only(quaternion_from_matrix(pose[:3, :3]))
+        ),
+        optional=not whole,
+    )
+
+
+def _is_before_camera(corners_m: Floats, camera_from_marker: Floats) -> bool:
+    in_camera = corners_m @ camera_from_marker[:3, :3].T + camera_from_marker[:3, 3]
+    wide = np.linalg.norm(in_camera[:, :2], axis=1) > _MAX_TANGENT * in_camera[:, 2]
+    return shows_front(camera_from_marker) and not bool(np.any(wide))
+
+
+def _is_in_view(corners: Floats, lens: Intrinsics) -> tuple[bool, bool]:
+    """Tells whether any of a quad is in the picture, and whether all of it is."""
+    right, bottom = lens.width - 0.5, lens.height - 0.5
+    picture = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]], np.float32)
+    shared_area = cv2.intersectConvexConvex(corners.astype(np.float32), picture)[0]
+    inside = (corners >= -0.5) & (corners <= (right, bottom))
+    return shared_area > 0, bool(inside.all())

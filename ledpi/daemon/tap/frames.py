@@ -75,6 +75,14 @@ def why_not_of(hello: dict[str, Any]) -> WhyNot:
     return WhyNot(camera, settings_of(hello).panels, camera.intrinsics)
 
 
+def why_not_if_told(hello: dict[str, Any]) -> WhyNot | None:
+    """The same; None where its panels cannot be looked for here, as with a dictionary that only the daemon may read."""
+    try:
+        return why_not_of(hello)
+    except TapError:
+        return None
+
+
 def not_read_of(picture: dict[str, Any]) -> list[NotRead]:
     """Returns what was dropped in a picture that was asked for WITH_REASONS."""
     looks = [look for look in picture.get("looks", []) if look.get("why")]

@@ -179,7 +179,8 @@ def luma_of_image(image: Image, where: str) -> Pixels:
     if sixteen:
         size, place = 2, 0 if image.is_bigendian else 1  # the upper eight bits
     if not size:
-        raise _not_known(where, shortened_name(name) or "of no encoding")
+        what = f"{shortened_name(name) or 'of no encoding'}; must be {ENCODINGS}"
+        raise RecordingError(f"{where}: is {what}: bag the camera's picture as its driver gives it")
     rows = height + height // 2 if name in _HALF_MORE_ROWS else height
     if data.size != rows * image.step or image.step < size * width:
         raise RecordingError(f"{where}: holds a picture whose size is not as it says")
@@ -202,10 +203,6 @@ def luma_of_compressed(image: Compressed, where: str) -> Pixels:
     if max(picture.shape) > MAX_SIDE_PX:
         raise RecordingError(f"{where}: holds a picture of more than {MAX_SIDE_PX} pixels a side; must be smaller")
     return np.asarray(picture, np.uint8)
-
-
-def _not_known(where: str, what: str) -> RecordingError:
-    return RecordingError(f"{where}: is {what}; must be {ENCODINGS}: bag the camera's picture as its driver gives it")
 
 
 def lens_of_info(info: Info, width: int, height: int, where: str) -> Intrinsics | None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ledpi.camera.base import frame_by
 from ledpi.camera.recording.format import FRAMES_FILE, HEADER_FILE, MAX_LINES_BYTES, TRUTH_FILE
 from ledpi.camera.recording.picture import MAX_BYTES
 from ledpi.camera.recording.writer import RecordingWriter
@@ -24,20 +25,9 @@ from ledpi.config.settings import Config
 from ledpi.config.values import MAX_SIDE_PX
 from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.files import nothing_left, read_bytes, read_text
-from ledpi.core.records import CameraInfo, Frame, Intrinsics, Pixels
+from ledpi.core.records import CameraInfo, Intrinsics, Pixels
+from ledpi.links.bags import contents
 from ledpi.links.bags.bag_writer import BagWriter
-from ledpi.links.bags.contents import (
-    METADATA,
-    Compressed,
-    Image,
-    Info,
-    checked,
-    lens_of_info,
-    libraries_silent,
-    luma_of_compressed,
-    luma_of_image,
-    memory_bounded,
-)
 from ledpi.links.bags.own import restore_recording
 from ledpi.links.bags.reading import Item, messages
 from ledpi.links.bags.replay import Replay, Warn
@@ -58,11 +48,11 @@ class Picture:
 def pictures_of_bag(items: Iterator[Item], path: Path, topic: str | None) -> Iterator[Picture]:
     """Yields those of one topic. The lens is the last that was told before the first picture."""
     seen: set[str] = set()
-    infos: dict[str, Info] = {}
+    infos: dict[str, contents.Info] = {}
     last_ns: int | None = None
     for item in items:
         if item.type == CAMERA_INFO and last_ns is None:
-            infos[item.topic] = checked(Info, item.read(), f"{path}: {item.topic}")
+            infos[item.topic] = contents.checked(contents.Info, item.read(), f"{path}: {item.topic}")
         if item.type not in IMAGES:
             continue
         seen.add(item.topic)
@@ -82,30 +72,30 @@ def pictures_of_bag(items: Iterator[Item], path: Path, topic: str | None) -> Ite
         raise RecordingError(f"{path}: has no pictures on {topic}; it has: {there}")
 
 
-def _picture(item: Item, infos: Mapping[str, Info], path: Path) -> Picture:
+def _picture(item: Item, infos: Mapping[str, contents.Info], path: Path) -> Picture:
     message, where = item.read(), f"{path}: {item.topic}"
     if item.type == COMPRESSED_IMAGE:
-        coded = checked(Compressed, message, where)
-        stamp, pixels = coded.header.stamp, luma_of_compressed(coded, where)
+        coded = contents.checked(contents.Compressed, message, where)
+        stamp, pixels = coded.header.stamp, contents.luma_of_compressed(coded, where)
     else:
-        image = checked(Image, message, where)
-        stamp, pixels = image.header.stamp, luma_of_image(image, where)
+        image = contents.checked(contents.Image, message, where)
+        stamp, pixels = image.header.stamp, contents.luma_of_image(image, where)
     return Picture(pixels=pixels, time_ns=stamp.time_ns, lens=_lens(item.topic, infos, pixels, path))
 
 
-def _lens(topic: str, infos: Mapping[str, Info], pixels: Pixels, path: Path) -> Intrinsics | None:
+def _lens(topic: str, infos: Mapping[str, contents.Info], pixels: Pixels, path: Path) -> Intrinsics | None:
     """That of the topic's own camera (`/cam/image_raw` and `/cam/camera_info`); of a single other one, where it is."""
     own = [name for name in infos if name.count("/") > 1 and topic.startswith(name.rpartition("/")[0] + "/")]
     names = sorted(own, key=len)[-1:] or (list(infos) if len(infos) == 1 else [])
     height, width = pixels.shape
-    return next((lens_of_info(infos[name], width, height, f"{path}: {name}") for name in names), None)
+    return next((contents.lens_of_info(infos[name], width, height, f"{path}: {name}") for name in names), None)
 
 
 def pictures_of_video(path: Path) -> Iterator[Picture]:
     """Yields them with the video's own times. Raises RecordingError."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
-    with libraries_silent():
+    with contents.libraries_silent():
         video = cv2.VideoCapture(str(path))
     if not video.isOpened():
         raise RecordingError(f"{path}: cannot be read as a video; is it whole? One that was cut off has no index")
@@ -116,7 +106,7 @@ def pictures_of_video(path: Path) -> Iterator[Picture]:
     last_ns, period_ns = -1, round(1e9 / (rate_hz if 0.001 < rate_hz < 1e6 else 30.0))
     try:
         while True:
-            with libraries_silent():
+            with contents.libraries_silent():
                 there, picture = video.read()
             if not there:
                 return
@@ -175,12 +165,12 @@ NO_LENS = "has no camera info: the recording has no lens, and gives IDs without 
 
 def import_bag(config: Config, path: Path, out: Path, topic: str | None, warn: Warn) -> Iterator[int]:
     """Writes the recording, and yields after each frame how many there are. Raises LedpiError."""
-    with memory_bounded(path):
+    with contents.memory_bounded(path):
         items = messages(path, warn)
         first = next(items, None)
         if first is None:
             raise RecordingError(f"{path}: is empty: it holds no message")
-        if first.topic == METADATA and not first.type:
+        if first.topic == contents.METADATA and not first.type:
             yield from restore_recording(first.read(), items, path, out)
         else:
             yield from _write(config, pictures_of_bag(chain([first], items), path, topic), path, out, warn)
@@ -188,7 +178,7 @@ def import_bag(config: Config, path: Path, out: Path, topic: str | None, warn: W
 
 def import_video(config: Config, path: Path, out: Path, warn: Warn) -> Iterator[int]:
     """As `import_bag`. The pictures' times are the video's own. Raises LedpiError."""
-    with memory_bounded(path):
+    with contents.memory_bounded(path):
         yield from _write(config, pictures_of_video(path), path, out, warn)
 
 
@@ -210,7 +200,7 @@ def _write(config: Config, pictures: Iterator[Picture], path: Path, out: Path, w
                 raise RecordingError(
                     f"{path}: holds pictures of several sizes; must be {camera.width} × {camera.height}"
                 )
-            writer.write(_frame(picture, camera, seq), wall_clock_offset_ns=0)
+            writer.write(frame_by(camera, picture.pixels, seq, picture.time_ns), wall_clock_offset_ns=0)
             seq += 1
             yield seq
 
@@ -232,14 +222,3 @@ def _camera(config: Config, first: Picture, path: Path) -> CameraInfo:
         intrinsics=first.lens,
     )
     return replace(camera, intrinsics=lens_of(camera, settings.intrinsics))
-
-
-def _frame(picture: Picture, camera: CameraInfo, seq: int) -> Frame:
-    return Frame(
-        pixels=picture.pixels,
-        seq=seq,
-        row0_readout_ns=picture.time_ns,
-        exposure_us=camera.exposure_us,
-        row_time_us=camera.row_time_us,
-        transfer=camera.transfer,
-    )

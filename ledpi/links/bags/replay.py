@@ -6,10 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
-from ledpi.camera.recording.overrides import load_recording_with
-from ledpi.camera.recording.picture import read_picture
+from ledpi.camera.recorded import load_recording_with
 from ledpi.camera.recording.reader import FrameEntry, Recording
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
@@ -38,12 +35,9 @@ class Replay:
 
     def frames(self, warn: Warn) -> Iterator[Replayed]:
         """Each in its order; broken pictures are left out with a warning."""
-        camera = self.recording.camera
-        picture = np.empty((camera.height, camera.width), np.uint8)
         for entry in self.recording.frames:
-            fault = read_picture(entry.picture, picture)
-            if fault is not None:
-                warn(fault.message)
-                continue
-            frame = self.recording.frame(entry, picture.copy())
-            yield Replayed(entry, frame, self._pipeline.decode(frame))
+            frame = self.recording.read(entry)
+            if isinstance(frame, Frame):
+                yield Replayed(entry, frame, self._pipeline.decode(frame))
+            else:
+                warn(frame.message)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.camera.base import frame_by
 from ledpi.camera.recording.picture import still_camera
 from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config, load_config
@@ -95,8 +96,7 @@ def reasons_of(frame: Frame, camera: CameraInfo, pipeline: Pipeline, lens: Intri
     why = WhyNot(camera, pipeline.panels, lens).explain(frame, not_read_in(trace), read_px)
     found = [
         Reason(says=one.says, helps=one.helps, is_panel=one.kind == "panel", corners_px=one.corners_px)
-        for one in why.diagnoses
-        if one.kind != "shape"
+        for one in why.told
     ]
     return found + [Reason(says=note.says, helps=note.helps, is_panel=True, corners_px=None) for note in why.notes]
 
@@ -171,14 +171,7 @@ class Decoder:
     def _frame(self, picture: Pixels, seq: int, time_ns: int) -> Frame:
         camera = self._camera
         check_size(picture, camera.width, camera.height, "the stream began")
-        return Frame(
-            pixels=picture,
-            seq=seq,
-            row0_readout_ns=time_ns,
-            exposure_us=camera.exposure_us,
-            row_time_us=camera.row_time_us,
-            transfer=camera.transfer,
-        )
+        return frame_by(camera, picture, seq, time_ns)
 
 
 def check_exposure(panels: Panels, exposure: Exposure) -> None:

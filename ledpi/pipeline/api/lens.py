@@ -21,6 +21,7 @@ from ledpi.core.records import (
     Intrinsics,
     MarkerPose,
     PlanarSolution,
+    Pose,
     RobotFix,
 )
 
@@ -159,7 +160,7 @@ class Marker:
     def to_dict(self) -> dict[str, Any]:
         """Numbers, lists and None only, as JSON has them, under the names of the attributes."""
         angles = {name: getattr(self, name) for name in ("distance_m", "yaw", "pitch", "roll")}
-        return _plain(self) | angles | {"mirrored": None if self.mirrored is None else self.mirrored.to_dict()}
+        return plain(self) | angles | {"mirrored": None if self.mirrored is None else self.mirrored.to_dict()}
 
     def _turned(self) -> Floats | None:
         """The rotation from the upright panel that faces the camera: yaw about y · pitch about x · roll about z."""
@@ -192,15 +193,25 @@ def _marker(decoded: MarkerPose, solution: PlanarSolution | None, mirrored: Mark
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fix:
-    """The robot's pose in the map, map_from_base_link: x ahead, y left, z up. The arrays are read-only."""
+class ByPanels:
+    """A pose by the panels in view. The arrays are read-only."""
 
     position_m: Floats  # (3,)
     quaternion_wxyz: Floats  # (4,) unit length
-    covariance: Floats | None  # (6, 6): x y z (m²), rotation about the map's x y z (rad²)
+    covariance: Floats | None  # (6, 6): x y z (m²), rotation about x y z (rad²), of the map or of the camera
     panels_used: tuple[int, ...]
     panels_rejected: tuple[int, ...]  # those that contradict the others
     time_ns: int  # on the clock of the time that came with the picture
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers, lists and None only, as JSON has them."""
+        return plain(self)
+
+
+class Fix(ByPanels):
+    """The robot's pose in the map, map_from_base_link: x ahead, y left, z up."""
+
+    __slots__ = ()
 
     @property
     def heading(self) -> float:
@@ -210,27 +221,17 @@ class Fix:
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers, lists and None only, as JSON has them."""
-        return _plain(self) | {"heading": self.heading}
+        return plain(self) | {"heading": self.heading}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Body:
+class Body(ByPanels):
     """A body's pose, camera_from_body, by its panels in view; from OpenCV's camera to its own frame."""
 
-    position_m: Floats  # (3,) of its origin
-    quaternion_wxyz: Floats  # (4,) unit length
-    covariance: Floats | None  # (6, 6): x y z (m²), rotation about the camera's x y z (rad²)
-    panels_used: tuple[int, ...]
-    panels_rejected: tuple[int, ...]  # those that contradict the others
-    time_ns: int  # on the clock of the time that came with the picture
-
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers, lists and None only, as JSON has them."""
-        return _plain(self)
+    __slots__ = ()
 
 
-def _plain(record: Marker | Fix | Body) -> dict[str, Any]:
-    """The fields that are not records of their own."""
+def plain(record: Any) -> dict[str, Any]:
+    """The fields of a record that are none of their own, in what JSON has."""
     values = {field.name: getattr(record, field.name) for field in fields(record) if field.name != "mirrored"}
     return {
         name: value.tolist() if isinstance(value, np.ndarray) else list(value) if isinstance(value, tuple) else value
@@ -240,27 +241,20 @@ def _plain(record: Marker | Fix | Body) -> dict[str, Any]:
 
 def fix_of(decoded: RobotFix | None) -> Fix | None:
     """The decoder's record, as a program uses it."""
-    if decoded is None:
-        return None
-    pose = decoded.map_from_base_link
-    return Fix(
-        position_m=pose.position_m,
-        quaternion_wxyz=pose.quaternion_wxyz,
-        covariance=pose.covariance,
-        panels_used=decoded.panels_used,
-        panels_rejected=decoded.panels_rejected,
-        time_ns=decoded.mid_exposure_ns,
-    )
+    return None if decoded is None else Fix(**_by_panels(decoded.map_from_base_link, decoded))
 
 
 def body_of(decoded: BodyPose) -> Body:
     """The decoder's record, as a program uses it."""
-    pose = decoded.camera_from_body
-    return Body(
-        position_m=pose.position_m,
-        quaternion_wxyz=pose.quaternion_wxyz,
-        covariance=pose.covariance,
-        panels_used=decoded.panels_used,
-        panels_rejected=decoded.panels_rejected,
-        time_ns=decoded.mid_exposure_ns,
-    )
+    return Body(**_by_panels(decoded.camera_from_body, decoded))
+
+
+def _by_panels(pose: Pose, decoded: RobotFix | BodyPose) -> dict[str, Any]:
+    return {
+        "position_m": pose.position_m,
+        "quaternion_wxyz": pose.quaternion_wxyz,
+        "covariance": pose.covariance,
+        "panels_used": decoded.panels_used,
+        "panels_rejected": decoded.panels_rejected,
+        "time_ns": decoded.mid_exposure_ns,
+    }

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.check import load_own_map
 from ledpi.config.panels import PanelSettings
-from ledpi.config.robot import load_own_map
 from ledpi.core.errors import ConfigError, PictureError
 from ledpi.core.records import Intrinsics, Phase, Pixels, RowsFrom, Transfer
 from ledpi.core.wording import shortened

@@ -10,6 +10,7 @@ from ledpi.config.settings import Config
 from ledpi.core.errors import PictureError
 from ledpi.core.records import Floats, MarkerPose, Rejected
 from ledpi.core.wording import shortened
+from ledpi.pipeline.api.lens import plain
 from ledpi.pipeline.pipeline import load_robot
 from ledpi.state import estimator
 from ledpi.state.inputs import Odometry
@@ -34,9 +35,7 @@ class State:
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers, lists and None only, as JSON has them."""
-        names = (name for name in self.__slots__ if name not in ("position_m", "covariance", "moved"))
-        arrays = {"position_m": self.position_m.tolist(), "covariance": self.covariance.tolist()}
-        return {**arrays, **{name: getattr(self, name) for name in names}, "moved": list(self.moved)}
+        return plain(self)
 
 
 class Whereabouts:

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from ledpi.camera.exposure_notes import vanishing
+from ledpi.camera.factory import vanishing
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Floats, Frame
 from ledpi.pipeline.diagnosis.look import FULL, Look, band_step, blur_of, look_at, side_px

@@ -36,6 +36,11 @@ class Why(NamedTuple):
     diagnoses: list[Diagnosis]
     notes: list[Note]
 
+    @property
+    def told(self) -> list[Diagnosis]:
+        """All but what most likely is no panel."""
+        return [one for one in self.diagnoses if one.kind != "shape"]
+
 
 class WhyNot:
     """Explains the frames of one camera that looks for `panels`; from one thread, or from several."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ledpi.core.records import Floats, Frame
+from ledpi.core.records import Floats, Frame, Pixels
 from ledpi.core.shutter import linear_light, row_weights
 from ledpi.workshop.calibrate.shutter import Estimate
 
@@ -33,22 +33,27 @@ def lamp_rows(frame: Frame) -> Floats:
 
     Its bands may be black: what is lit is closed over half of the longest period that is looked for.
     """
-    picture = frame.pixels
-    bright = float(np.sort(picture.ravel())[-100:].mean())
-    lit = (picture > LIT * bright).astype(np.uint8)
-    gap = round(0.5e6 / MIN_HZ / frame.row_time_us) | 1
-    count, _, boxes, _ = cv2.connectedComponentsWithStats(cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((gap, 3))))
-    if count < 2:
-        return np.empty(0)
-    x, y, width, height, _ = boxes[1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA]))]
-    rim, aside = 2 + round(RIM * height), 0.5 - MIDDLE / 2
-    part = picture[y + rim : y + height - rim, round(x + aside * width) : round(x + (1 - aside) * width)]
-    if not part.size:
+    part = middle_of_lamp(frame.pixels, 0.5e6 / MIN_HZ / frame.row_time_us)
+    if part is None:
         return np.empty(0)
     light = linear_light(frame.transfer)[part].astype(np.float64)
     clear = np.isfinite(light)
     sums = np.where(clear, light, 0.0).sum(axis=1)
     return np.where(clear.mean(axis=1) > 0.5, sums / np.maximum(clear.sum(axis=1), 1), np.nan)
+
+
+def middle_of_lamp(picture: Pixels, gap_rows: float) -> Pixels | None:
+    """The middle columns of the largest bright thing, once dark bands of so many rows are closed; None without any."""
+    bright = float(np.sort(picture.ravel())[-100:].mean())
+    lit = (picture > LIT * bright).astype(np.uint8)
+    kernel = np.ones((round(gap_rows) | 1, 3))
+    count, _, boxes, _ = cv2.connectedComponentsWithStats(cv2.morphologyEx(lit, cv2.MORPH_CLOSE, kernel))
+    if count < 2:
+        return None
+    x, y, width, height, _ = boxes[1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA]))]
+    rim, aside = 2 + round(RIM * height), 0.5 - MIDDLE / 2
+    part = picture[y + rim : y + height - rim, round(x + aside * width) : round(x + (1 - aside) * width)]
+    return part if part.size else None
 
 
 def lamp_frequency(light: Floats, *, exposure_us: float, row_time_us: float) -> Estimate | None:

@@ -31,35 +31,35 @@ MIN_SHARE = 0.25  # of a cell's pixels that must not be saturated
 
 
 def measure_still(
-    taken: Taken,
-    panels: PanelSettings,
-    measure: Callable[[PanelLight, PanelSpec, Floats], Result],
-    most: int | None = None,
-) -> tuple[list[tuple[Result, Floats]], str]:
+    taken: Taken, measure: Callable[[PanelLight, PanelSpec, Floats], Result], most: int | None = None
+) -> list[tuple[Result, Floats]]:
     """Each square at rest, from the largest on, by the first pair of announced frequencies that it can be.
 
     `measure` takes its light, those frequencies and its corners, and raises CalibrationError where it is no such
-    panel. Returns the results, `most` of them, with the corners, and why the last one that has none has none.
+    panel. Returns the results, `most` of them, with the corners. Raises CalibrationError, why the last square has
+    none, where none has any.
     """
-    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, stream=False)
+    pipeline = Pipeline(taken.camera, taken.panels, intrinsics=taken.intrinsics, stream=False)
     found: list[tuple[Result, Floats]] = []
     why = "no lit square is in view"
     for corners in still_squares(taken.frames, pipeline):
         if len(found) == most:
             break
         try:
-            cells = load_dictionary(panels.dictionary).cells_per_side
+            cells = load_dictionary(taken.panels.dictionary).cells_per_side
             light = panel_light(taken.frames, corners, cells, taken.intrinsics)
         except CalibrationError as error:
             why = str(error)
             continue
-        for spec in _announced_specs(panels):
+        for spec in _announced_specs(taken.panels):
             try:
                 found.append((measure(light, spec, corners), corners))
                 break
             except CalibrationError as error:
                 why = str(error)
-    return found, why
+    if not found:
+        raise CalibrationError(why)
+    return found
 
 
 def _announced_specs(panels: PanelSettings) -> list[PanelSpec]:

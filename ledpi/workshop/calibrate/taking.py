@@ -12,13 +12,12 @@ import numpy as np
 from ledpi.camera.base import AdjustableGain, Camera
 from ledpi.camera.factory import open_camera
 from ledpi.camera.gain import GainControl, brightest_level
-from ledpi.camera.recorded import RecordingCamera
-from ledpi.camera.recording.overrides import load_recording_with
+from ledpi.camera.recorded import RecordingCamera, load_recording_with
 from ledpi.config.camera_yaml import lens_of
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
-from ledpi.core.records import MAX_GAP_NS, CameraInfo, Frame, Intrinsics, PanelValues, Rejected
+from ledpi.core.records import MAX_GAP_NS, CameraInfo, Frame, Intrinsics, Rejected
 from ledpi.decode.evidence.cells import SATURATED
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
@@ -41,7 +40,7 @@ class Taken:
 
     frames: list[Frame]
     camera: CameraInfo
-    panel: PanelValues | None
+    panels: PanelSettings  # as configured, with the values that a recording brings
     intrinsics: Intrinsics | None
     row_time_ratio: float  # row time and exposure, as they are here, over what the driver reports
 
@@ -70,7 +69,8 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
     take = longest_take(frames)
     if len(take) < MIN_FRAMES:
         raise CalibrationError(f"{source}: {len(take)} usable frames in a row; at least {MIN_FRAMES} are needed")
-    return Taken(frames=take, camera=camera.info, panel=camera.panel, intrinsics=intrinsics, row_time_ratio=ratio)
+    panels = config.panels if camera.panel is None else config.panels.override_with(camera.panel)
+    return Taken(frames=take, camera=camera.info, panels=panels, intrinsics=intrinsics, row_time_ratio=ratio)
 
 
 def settle_gain(camera: Camera, panels: PanelSettings) -> None:

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.camera.base import Camera
-from ledpi.camera.exposure_notes import depths, other_exposure, vanishing
-from ledpi.camera.factory import open_camera
+from ledpi.camera.factory import depths, open_camera, other_exposure, vanishing
 from ledpi.camera.simulate.render import Renderer
 from ledpi.camera.simulate.scene import SimulatedSensor
 from ledpi.camera.simulate.scenes import abreast_scene
@@ -84,7 +83,7 @@ def findings_of(read: Sequence[int], why: Why) -> list[Finding]:
     """Tells what is read, and of each thing that is not; a light may be no panel."""
     seen = ", ".join(str(marker_id) for marker_id in read)
     findings = [ok("panels", f"ID {seen} read")] if read else []
-    findings += [_finding(one) for one in why.diagnoses if one.kind != "shape"][:MOST]
+    findings += [_finding(one) for one in why.told[:MOST]]
     if not read:  # else it is good enough
         findings += [bad("picture", note.says, note.helps) for note in why.notes]
     return findings or [unknown("panels", "none in view")]

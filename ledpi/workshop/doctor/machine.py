@@ -19,7 +19,7 @@ from pathlib import Path
 
 from ledpi import __version__
 from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version
-from ledpi.core.mounts import lost_at_reboot
+from ledpi.core.linux import lost_at_reboot
 from ledpi.core.packages import Unusable
 from ledpi.core.wording import one_line
 from ledpi.workshop.doctor.finding import Finding, bad, ok, unknown

@@ -10,7 +10,7 @@ import re
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from ledpi.core.holder import described, openers
+from ledpi.core.linux import described, openers
 from ledpi.workshop.doctor.finding import Finding, bad, ok, unknown
 
 DEV, SYS = Path("/dev"), Path("/sys")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ledpi.camera.exposure_notes import vanishing
+from ledpi.camera.factory import vanishing
 from ledpi.config.origins import values_of
 from ledpi.config.settings import Config
 from ledpi.core.errors import TapError

@@ -15,18 +15,8 @@ from ledpi.core.errors import ConfigError, raising
 from ledpi.core.records import PanelSpec, Phase
 from ledpi.core.wording import StrEnum
 from ledpi.workshop.calibrate.panel import SAME_DUTY
+from ledpi.workshop.panel import frequencies
 from ledpi.workshop.panel.circuit import CELL_PINS, OUTPUTS
-from ledpi.workshop.panel.frequencies import (
-    MAX_HZ,
-    NULL_SHARE,
-    Flicker,
-    HalfPeriod,
-    half_period,
-    nearest_lobe_hz,
-    null_share,
-)
-
-# The interrupts of both classes, one after the other, take under 160 cycles; the rest is left to the serial line.
 
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
 
@@ -50,8 +40,8 @@ class Firmware:
     build: Build
     dictionary: Dictionary
     marker_id: int
-    black: HalfPeriod
-    white: HalfPeriod
+    black: frequencies.HalfPeriod
+    white: frequencies.HalfPeriod
     phase: Phase
 
     @property
@@ -97,22 +87,22 @@ def plan_firmware(
     )
 
 
-def _half_period(key: str, hz: float, exposure_us: float) -> HalfPeriod:
-    if hz <= MAX_HZ:
+def _half_period(key: str, hz: float, exposure_us: float) -> frequencies.HalfPeriod:
+    if hz <= frequencies.MAX_HZ:
         _check_frequency(key, hz, exposure_us)
     with raising(key, ConfigError):
-        return half_period(hz)
+        return frequencies.half_period(hz)
 
 
 def _check_frequency(key: str, hz: float, exposure_us: float) -> None:
-    lowest_hz = Flicker.LOW_RISK.lowest_hz
-    good = f"the nearest good one is {nearest_lobe_hz(hz, exposure_us, lowest_hz):.2f} Hz"
+    lowest_hz = frequencies.Flicker.LOW_RISK.lowest_hz
+    good = f"the nearest good one is {frequencies.nearest_lobe_hz(hz, exposure_us, lowest_hz):.2f} Hz"
     if hz < lowest_hz:
         raise ConfigError(
             f"{key}: {hz:g} Hz flickers: light that goes fully on and off is of low risk (IEEE 1789) from "
             f"{lowest_hz:g} Hz on; {good}"
         )
-    if null_share(hz, exposure_us) < NULL_SHARE:
+    if frequencies.null_share(hz, exposure_us) < frequencies.NULL_SHARE:
         raise ConfigError(
             f"{key}: {hz:g} Hz is on a null: an exposure of {exposure_us:.0f} µs holds {hz * exposure_us * 1e-6:.2f} "
             f"of its cycles, and whole ones leave no bands; {good}"
@@ -161,7 +151,7 @@ def settings_text(firmware: Firmware) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _half_period_lines(name: str, half: HalfPeriod) -> list[str]:
+def _half_period_lines(name: str, half: frequencies.HalfPeriod) -> list[str]:
     what = f"{half.frequency_hz:.4f} Hz, {half.error_ppm:+.1f} ppm from {half.asked_hz:g} Hz"
     return [f"#define {name}_HALF_PERIOD_CYCLES {half.cycles}u /* {what} */"]
 

@@ -17,11 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.render import Renderer, scene_truth
 from ledpi.camera.simulate.scene import Panel, Room, Scene, SimulatedSensor, uneven_gains
 from ledpi.camera.simulate.trajectory import Still, facing_camera
-from ledpi.camera.simulate.truth import scene_truth
-from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected
+from ledpi.core.records import Floats, Intrinsics, PanelSpec, Rejected
 from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
@@ -49,25 +48,14 @@ class View:
 def view_panel(sensor: SimulatedSensor, cells: int, side_m: float, distance_m: float) -> View | Rejected:
     """Pictures a steady panel, or says why its cells cannot be sampled from there."""
     scene = _steady_scene(sensor, cells, side_m, distance_m)
-    renderer, lens = Renderer(scene, seed=0), scene.sensor.intrinsics
+    renderer = Renderer(scene, seed=0)
     seen = scene_truth(scene, 0)
     if not seen:
         return Rejected(stage="cells", reason="too_small")
     locator = Locator(cells, (scene.panels[0].spec,), None, must_blink=False)
     shots = []
     for seq in range(STREAM_FRAMES):
-        pixels = np.empty((lens.height, lens.width), np.uint8)
-        renderer.render(seq, pixels)
-        frame = Frame(
-            pixels=pixels,
-            seq=seq,
-            row0_readout_ns=0,
-            exposure_us=sensor.exposure_us,
-            row_time_us=sensor.row_time_us,
-            transfer=sensor.transfer,
-            analogue_gain=sensor.gain,
-            host_offset_ns=0,
-        )
+        frame = renderer.frame(seq)
         quad = locator.localise(frame, seen[0].corners_px)
         shown = quad if isinstance(quad, Rejected) else locator.observe(frame, quad)
         if isinstance(shown, Rejected):

@@ -53,7 +53,7 @@ def electrics(circuit: Circuit) -> list[tuple[str, str]]:
     low_ma, high_ma = (1e3 * (circuit.headroom_v + off_v) / circuit.resistor_ohm for off_v in (-spread_v, spread_v))
     black_ma, white_ma = (1e3 * amperes for amperes in circuit.class_a)
     series = "LEDs in series" if circuit.leds > 1 else "LED"
-    rows = [
+    return [
         ("each cell", f"{circuit.leds} {series}, and one resistor of {ohm_text(circuit.resistor_ohm)} (E24)"),
         (
             "left for the resistor",
@@ -70,7 +70,6 @@ def electrics(circuit: Circuit) -> list[tuple[str, str]]:
         ),
         ("whole panel", f"{circuit.panel_w:.1f} W on average; each class is on for half of the time"),
     ]
-    return rows
 
 
 def parts(body: Body, circuit: Circuit) -> list[tuple[str, str, str]]:

@@ -218,18 +218,10 @@ def _tile(page: Page, view: View, body: Body, marker_id: int, row: int, column: 
             out_x, out_y = (-1 if x == _TILE_LEFT_MM else 1), (-1 if y == _TILE_FOOT_MM else 1)
             page.paper.plot([x, x + out_x * _CROP_MM], [y, y], color="black", lw=0.4)
             page.paper.plot([x, x], [y, y + out_y * _CROP_MM], color="black", lw=0.4)
-    beside = [
-        ("right", column + 1 < tiles[0], (_TILE_LEFT_MM + width + 3, HEIGHT_MM / 2), _part(row, column + 1), 90),
-        ("below", row + 1 < tiles[1], (WIDTH_MM / 2, _TILE_FOOT_MM - 4), _part(row + 1, column), 0),
-    ]
-    for _, there, place, part, turn in beside:
+    look: Any = {"fontsize": 6, "ha": "center", "va": "center", "color": "0.3"}
+    for there, x, y, part, turn in (
+        (column + 1 < tiles[0], _TILE_LEFT_MM + width + 3, HEIGHT_MM / 2, _part(row, column + 1), 90),
+        (row + 1 < tiles[1], WIDTH_MM / 2, _TILE_FOOT_MM - 4, _part(row + 1, column), 0),
+    ):
         if there:
-            page.paper.text(
-                *place,
-                f"cut along the marks; {part} goes on here",
-                fontsize=6,
-                rotation=turn,
-                ha="center",
-                va="center",
-                color="0.3",
-            )
+            page.paper.text(x, y, f"cut along the marks; {part} goes on here", rotation=turn, **look)

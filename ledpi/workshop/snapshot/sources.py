@@ -15,15 +15,14 @@ import numpy as np
 from ledpi.camera.base import Camera, GainFollower
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
-from ledpi.core.codewords import Bits
 from ledpi.core.errors import CameraError, TapError
-from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, Rejected, RowsFrom
+from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, PanelValues, Rejected, RowsFrom
 from ledpi.daemon.tap.client import Client, connect
 from ledpi.daemon.tap.frames import camera_of, frame_of
 from ledpi.pipeline.diagnosis.diagnose import not_read_in
 from ledpi.pipeline.diagnosis.why_not import RUN_FRAMES, Why, WhyNot
-from ledpi.pipeline.pipeline import Pipeline, load_robot
-from ledpi.pipeline.trace import Dropped, Trace
+from ledpi.pipeline.pipeline import Pipeline, pipeline_of
+from ledpi.pipeline.trace import Trace
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,15 +35,6 @@ class Snapshot:
     trace: Trace
     panels: PanelSettings
     intrinsics: Intrinsics | None
-
-    @property
-    def dropped(self) -> list[Dropped]:
-        """Lists what was four-sided and no panel."""
-        return self.trace.dropped
-
-    def codeword(self, marker_id: int) -> Bits:
-        """The cells of an ID, upright."""
-        return self.panels.words.codeword(marker_id)
 
 
 def take(title: str, frame: Frame, pipeline: Pipeline, intrinsics: Intrinsics | None) -> Snapshot:
@@ -130,13 +120,16 @@ class Looking:
         )
 
 
-class Taken(NamedTuple):
-    """A frame, and what the daemon says of its camera."""
+class Source(NamedTuple):
+    """A frame, where it comes from, and what that knows."""
 
     title: str
     frame: Frame
     camera: CameraInfo
-    run: tuple[Frame, ...]  # the last ones, up to it
+    panel: PanelValues | None
+    intrinsics: Intrinsics | None
+    pictures: tuple[Path, ...] = ()  # of a recording
+    run: tuple[Frame, ...] = ()  # of its stream, about it
 
 
 def connected(config: Path | None) -> Client | None:
@@ -152,21 +145,15 @@ def connected(config: Path | None) -> Client | None:
     return None
 
 
-def showing_a_panel(tap: Client, settings: Config, of_frames: int) -> Taken:
-    """The first that shows a panel by itself; where none of so many does, the last, to show why. Raises TapError."""
+def showing_a_panel(tap: Client, settings: Config) -> Source:
+    """The first of LOOK_FRAMES that shows a panel by itself; else the last, to show why. Raises TapError."""
     camera = camera_of(tap.hello)
-    alone = Pipeline(
-        camera,
-        settings.panels,
-        intrinsics=camera.intrinsics,
-        robot=load_robot(settings),
-        method=settings.decode.method,
-        stream=False,
-    )
+    alone = pipeline_of(settings, camera, camera.intrinsics, stream=False)
     run: deque[Frame] = deque(maxlen=RUN_FRAMES)
-    for _ in range(of_frames):
+    for _ in range(LOOK_FRAMES):
         frame = frame_of(tap.hello, tap.picture())
         run.append(frame)
         if alone.decode(frame).markers:
             break
-    return Taken(f"running daemon (pid {tap.hello.get('pid')}), frame {frame.seq}", frame, camera, tuple(run))
+    title = f"running daemon (pid {tap.hello.get('pid')}), frame {frame.seq}"
+    return Source(title, frame, camera, None, camera.intrinsics, run=tuple(run))

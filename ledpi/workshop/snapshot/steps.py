@@ -14,22 +14,19 @@ from ledpi.core.records import Detection, Floats, Pixels, Rejected
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.uemura import BLACK_BAND, CELL_PX, WHITE_BAND, Square, Steps, local_mean
-from ledpi.pipeline.diagnosis.drawing import (
-    BACKGROUND,
-    BLACK_CLASS,
-    CELL_SHARE,
-    DIM,
-    DROPPED,
-    TEXT,
-    WHITE_CLASS,
-    Canvas,
-    outline,
-    text,
-    text_size,
-)
+from ledpi.pipeline.diagnosis import drawing
 from ledpi.pipeline.trace import SquareTrace, class_alone, class_given_others
-from ledpi.workshop.snapshot.enlarged import View, bands_tile, blank, cells_tile, view_of
-from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH, draw_heading
+from ledpi.workshop.snapshot.page import (
+    BORDER,
+    PICTURES_TOP,
+    WIDTH,
+    View,
+    bands_tile,
+    blank,
+    cells_tile,
+    draw_heading,
+    view_of,
+)
 from ledpi.workshop.snapshot.sources import Snapshot
 
 GAP = 16
@@ -47,7 +44,7 @@ class Tile:
     """A picture with the line below it."""
 
     label: str  # as `drawing.text` can
-    picture: Canvas
+    picture: drawing.Canvas
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,9 +74,9 @@ def _found(snapshot: Snapshot) -> Row:
     view = view_of([], snapshot.frame.pixels.shape, tile_width(2))
     seen, found = view.crop(snapshot.frame.pixels), view.crop(snapshot.frame.pixels)
     for candidate in snapshot.trace.candidates:
-        outline(found, view.place(candidate.corners_px), DROPPED, 1)
+        drawing.outline(found, view.place(candidate.corners_px), drawing.DROPPED, 1)
     for square in snapshot.trace.squares:
-        outline(found, view.place(square.quad.corners_px), TEXT, 2)
+        drawing.outline(found, view.place(square.quad.corners_px), drawing.TEXT, 2)
     count = f"candidates: {len(snapshot.trace.candidates)}, squares: {len(snapshot.trace.squares)}"
     return Row(title="Where panels may be", tiles=(Tile(label="frame", picture=seen), Tile(label=count, picture=found)))
 
@@ -99,7 +96,7 @@ def _row(square: SquareTrace, snapshot: Snapshot) -> Row:
             nats = np.rot90(class_alone(square.evidence).reshape(n, n), turns)
             tiles.append(Tile(label="evidence in nats, each cell alone", picture=_evidence(nats, size)))
         return Row(title=reading.key, tiles=tuple(tiles))
-    codeword: Bits = np.rot90(snapshot.codeword(reading.id), -reading.quarter_turns)
+    codeword: Bits = np.rot90(snapshot.panels.words.codeword(reading.id), -reading.quarter_turns)
     if isinstance(square.evidence, Evidence):
         nats = class_given_others(square.evidence, reading.cell_bands, codeword.ravel()).reshape(n, n)
         picture = _evidence(np.rot90(nats, turns), size)
@@ -111,7 +108,7 @@ def _row(square: SquareTrace, snapshot: Snapshot) -> Row:
     return Row(title=f"ID {reading.id}   margin {reading.margin:.0f}   bands of {depth}", tiles=tuple(tiles))
 
 
-def _refined(square: SquareTrace, snapshot: Snapshot, size: int) -> Canvas:
+def _refined(square: SquareTrace, snapshot: Snapshot, size: int) -> drawing.Canvas:
     """The square and a little around it, upright as in the frame."""
     low, high = square.quad.corners_px.min(axis=0), square.quad.corners_px.max(axis=0)
     scale = size / (1.3 * float((high - low).max()))
@@ -119,25 +116,25 @@ def _refined(square: SquareTrace, snapshot: Snapshot, size: int) -> Canvas:
     move = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
     tile = cv2.warpAffine(snapshot.frame.pixels, move, (size, size), flags=cv2.INTER_NEAREST)
     tile = np.asarray(cv2.cvtColor(tile, cv2.COLOR_GRAY2BGR), np.uint8)
-    outline(tile, square.quad.corners_px * scale + shift, DROPPED, 1)
+    drawing.outline(tile, square.quad.corners_px * scale + shift, drawing.DROPPED, 1)
     return tile
 
 
-def _evidence(nats: Floats, size: int) -> Canvas:
+def _evidence(nats: Floats, size: int) -> drawing.Canvas:
     """Each cell in the colour of the class that it speaks for, the stronger the more it says."""
     tile = blank(size)
     n = len(nats)
-    pitch, wall = size / n, (1 - CELL_SHARE) / 2
+    pitch, wall = size / n, (1 - drawing.CELL_SHARE) / 2
     for (row, column), value in np.ndenumerate(nats):
         top, left = (round((c + wall) * pitch) for c in (row, column))
         bottom, right = (round((c + 1 - wall) * pitch) for c in (row, column))
         strength = min(1.0, abs(value) / FULL_COLOUR_NATS)
-        colour = np.array(WHITE_CLASS if value > 0 else BLACK_CLASS)
-        tile[top:bottom, left:right] = strength * colour + (1 - strength) * np.array(BACKGROUND)
+        colour = np.array(drawing.WHITE_CLASS if value > 0 else drawing.BLACK_CLASS)
+        tile[top:bottom, left:right] = strength * colour + (1 - strength) * np.array(drawing.BACKGROUND)
         label = f"{abs(value):.0f}"
-        width, height = text_size(label, bold=True)
+        width, height = drawing.text_size(label, bold=True)
         at = (left + right - width) // 2, (top + bottom + height) // 2
-        text(tile, label, at, colour=BACKGROUND if strength > 0.5 else TEXT, bold=True)
+        drawing.text(tile, label, at, colour=drawing.BACKGROUND if strength > 0.5 else drawing.TEXT, bold=True)
     return tile
 
 
@@ -173,24 +170,24 @@ def uemura_rows(snapshot: Snapshot) -> list[Row]:
     ]
 
 
-def _classes(steps: Steps) -> Canvas:
-    coloured = np.full((*steps.classes.shape, 3), BACKGROUND, np.uint8)
-    for kind, colour in ((BLACK_BAND, BLACK_CLASS), (WHITE_BAND, WHITE_CLASS)):
+def _classes(steps: Steps) -> drawing.Canvas:
+    coloured = np.full((*steps.classes.shape, 3), drawing.BACKGROUND, np.uint8)
+    for kind, colour in ((BLACK_BAND, drawing.BLACK_CLASS), (WHITE_BAND, drawing.WHITE_CLASS)):
         of_kind = steps.classes == kind
         coloured[of_kind & (steps.lit > 0)] = colour
         coloured[of_kind & (steps.lit == 0)] = np.array(colour) * DARK_BAND
     return coloured
 
 
-def _squares(view: View, steps: Steps) -> Canvas:
+def _squares(view: View, steps: Steps) -> drawing.Canvas:
     tile = view.crop(steps.white)
     for square in steps.squares:
         for x, y in view.place(square.corners_px).round().astype(int).tolist():
-            cv2.circle(tile, (x, y), 3, DROPPED, cv2.FILLED, cv2.LINE_AA)
+            cv2.circle(tile, (x, y), 3, drawing.DROPPED, cv2.FILLED, cv2.LINE_AA)
     return tile
 
 
-def _framed(view: View, pixels: Pixels, steps: Steps) -> Canvas:
+def _framed(view: View, pixels: Pixels, steps: Steps) -> drawing.Canvas:
     tile = view.crop(pixels)
     for square in steps.squares:
         inner, outer = (view.place(c).round().astype(np.int32) for c in (square.corners_px, square.framed_px))
@@ -198,12 +195,12 @@ def _framed(view: View, pixels: Pixels, steps: Steps) -> Canvas:
     return tile
 
 
-def _restored(view: View, steps: Steps) -> Canvas:
+def _restored(view: View, steps: Steps) -> drawing.Canvas:
     """Each restored picture, its ground included, where its square is in the frame."""
-    tile = np.full((view.height, view.width, 3), BACKGROUND, np.uint8)
+    tile = np.full((view.height, view.width, 3), drawing.BACKGROUND, np.uint8)
     for square in steps.squares:
         if square.restored is None:
-            outline(tile, view.place(square.corners_px), DIM, 1)
+            drawing.outline(tile, view.place(square.corners_px), drawing.DIM, 1)
             continue
         n, size = len(square.white_share), square.restored.shape[0]
         # A pixel's centre, in cells from the left of the ground, which begins two cells before the square.
@@ -215,13 +212,15 @@ def _restored(view: View, steps: Steps) -> Canvas:
     return tile
 
 
-def _results(view: View, steps: Steps) -> Canvas:
-    tile = np.full((view.height, view.width, 3), BACKGROUND, np.uint8)
+def _results(view: View, steps: Steps) -> drawing.Canvas:
+    tile = np.full((view.height, view.width, 3), drawing.BACKGROUND, np.uint8)
     lines = [_result(square) for square in steps.squares] or ["no square"]
     for index, words in enumerate(lines[:MAX_LINES]):
-        text(tile, words, (4, 24 + 24 * index), colour=TEXT if words.startswith("ID") else DROPPED)
+        drawing.text(
+            tile, words, (4, 24 + 24 * index), colour=drawing.TEXT if words.startswith("ID") else drawing.DROPPED
+        )
     if len(lines) > MAX_LINES:
-        text(tile, f"and {len(lines) - MAX_LINES} more squares", (4, 24 + 24 * MAX_LINES), colour=DIM)
+        drawing.text(tile, f"and {len(lines) - MAX_LINES} more squares", (4, 24 + 24 * MAX_LINES), colour=drawing.DIM)
     return tile
 
 
@@ -234,15 +233,15 @@ def draw_steps(snapshot: Snapshot) -> Pixels:
     rows = uemura_rows(snapshot) if snapshot.trace.uemura else likelihood_rows(snapshot)
     top = PICTURES_TOP - TITLE
     height = top + sum(_height(row) for row in rows) + BORDER // 2
-    canvas = np.full((height, WIDTH, 3), BACKGROUND, np.uint8)
+    canvas = np.full((height, WIDTH, 3), drawing.BACKGROUND, np.uint8)
     draw_heading(canvas, snapshot)
     for row in rows:
-        text(canvas, row.title, (BORDER, top + TITLE - 10), bold=True)
+        drawing.text(canvas, row.title, (BORDER, top + TITLE - 10), bold=True)
         left = BORDER
         for tile in row.tiles:
             tall, wide = tile.picture.shape[:2]
             canvas[top + TITLE : top + TITLE + tall, left : left + wide] = tile.picture
-            text(canvas, tile.label, (left, top + TITLE + tall + 19), size=0.42, colour=DIM)
+            drawing.text(canvas, tile.label, (left, top + TITLE + tall + 19), size=0.42, colour=drawing.DIM)
             left += wide + GAP
         top += _height(row)
     return canvas

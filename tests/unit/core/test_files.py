@@ -29,7 +29,7 @@ def test_a_key_given_twice_is_named_at_any_depth(tmp_path: Path) -> None:
     """YAML would take the last in silence."""
     file = tmp_path / "x.yaml"
     file.write_text("a:\n  b: 1\n  c:\n    d: 1\n    d: 2\n")
-    with pytest.raises(ConfigError, match=r"x\.yaml: line 5: d is there twice"):
+    with pytest.raises(ConfigError, match=r"x\.yaml: not valid YAML: line 5: d is there twice"):
         read_yaml(file, ConfigError)
 
 
@@ -38,7 +38,7 @@ def test_an_id_is_the_same_in_quotes(tmp_path: Path, key: str) -> None:
     """Neither of a panel's two places may win."""
     file = tmp_path / "x.yaml"
     file.write_text(f"7: 1\n{key}: 2\n")
-    with pytest.raises(ConfigError, match=r"x\.yaml: line 2: 7 is there twice"):
+    with pytest.raises(ConfigError, match=r"x\.yaml: not valid YAML: line 2: 7 is there twice"):
         read_yaml(file, ConfigError)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.core.holder import locker_in, who_holds
+from ledpi.core.linux import locker_in, who_holds
 from tests.builders.daemon import holder
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evaluation.endurance.sanitized import READ_BESIDE
+from evaluation.endurance.attack import READ_BESIDE
 from ledpi.core.errors import InstallationError
 from ledpi.core.library import FOLDERS, NONE, check, lib, pointer
 from tests.builders import ROOT

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import CameraInfo, Frame
-from ledpi.core.row_clock import RowClock
+from ledpi.core.shutter import RowClock
 
 INFO = CameraInfo(width=640, height=480, exposure_us=9999.0, row_time_us=33.67, transfer="srgb", frame_length_rows=504)
 REPORTED_NS = 16_969_680  # 504 rows of 33.67 µs

@@ -13,7 +13,6 @@ from evaluation.suites.units import photographed
 from evaluation.suites.wild import draw_wild
 from ledpi.camera.simulate.sensor import sensor_info
 from ledpi.core.records import CameraInfo, Floats, PanelSpec
-from ledpi.core.shutter import fundamental_amplitude
 from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
@@ -49,7 +48,7 @@ def bands_of(phases: tuple[float, float]) -> Floats:
     out = np.zeros((16, 4))
     for cell, white in enumerate(word(7).ravel().astype(int)):
         hz, phase = SPEC.waves_hz[white], phases[white]
-        amplitude = fundamental_amplitude(hz, TRUE_10_MS_US, SPEC.duty)
+        amplitude = 2.0 * float(np.sinc(SPEC.duty) * np.sinc(hz * TRUE_10_MS_US * 1e-6))
         angle = math.tau * (phase - SPEC.duty / 2 + 0.5 * hz * TRUE_10_MS_US * 1e-6)
         out[cell, 2 * white : 2 * white + 2] = amplitude * math.cos(angle), -amplitude * math.sin(angle)
     return out

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evaluation.endurance import sanitized
+from evaluation.endurance import attack
 from evaluation.endurance.hostile import check_numbers
 from evaluation.endurance.hostile_pictures import KINDS, Drawing, Rng
 from ledpi.pipeline.pipeline import Pipeline
@@ -35,7 +35,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installe
 def test_an_attack_does_not_begin_where_nothing_is_seen(tmp_path: Path) -> None:
     """Python takes the core that is installed here, which is not watched."""
     with pytest.raises(RuntimeError, match="do not see"):
-        sanitized.check_it_sees(sanitized.environment(tmp_path))
+        attack.check_it_sees(attack.environment(tmp_path))
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)

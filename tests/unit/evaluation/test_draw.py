@@ -16,11 +16,10 @@ from evaluation.suites.conditions import (
     suite_conditions,
 )
 from evaluation.suites.draw import Take, draw_take
-from evaluation.suites.prints import aruco_reader, printed_id, printed_scene
+from evaluation.suites.readers import aruco_reader, printed_id, printed_scene
 from evaluation.suites.units import photographed
-from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.render import Renderer, scene_truth
 from ledpi.camera.simulate.sensor import sensor_info
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Decoded, Frame
@@ -179,7 +178,7 @@ def test_opencv_finds_the_print_where_the_panel_was(angle_deg: float, most_px: f
 def test_apriltag_finds_its_print_where_the_panel_was() -> None:
     """Its corners, brought into our order and pixel convention, are the panel's."""
     pytest.importorskip("pupil_apriltags", reason="pupil-apriltags is not installed (extra: suites)")
-    from evaluation.suites.prints import apriltag_reader
+    from evaluation.suites.readers import apriltag_reader
 
     take = take_of(replace(condition(distance_m=0.8), transfer="linear"), 2)
     scene = printed_scene(take.scene, "apriltag", "DICT_4X4_50", take.peak_level)

@@ -9,7 +9,7 @@ import pytest
 
 from evaluation.accuracy.recordings import measure, pipeline_for
 from ledpi.camera.recording.reader import TruthMarker, load_recording
-from ledpi.workshop.evaluate.recorded import frame_of
+from ledpi.workshop.evaluate.table import frame_of
 from tests.builders.daemon import write_recording
 
 

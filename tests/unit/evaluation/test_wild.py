@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 from evaluation.accuracy.bound import Bound, bound_of
 from evaluation.suites.__main__ import app
 from evaluation.suites.draw import Take
-from evaluation.suites.oracle import read_with_oracle
+from evaluation.suites.readers import read_with_oracle
 from evaluation.suites.units import photographed
 from evaluation.suites.wild import draw_wild
 from evaluation.suites.wild_rows import TAKE_SPANS, WILD, drawn
 from ledpi.camera.recording.reader import load_recording
-from ledpi.camera.simulate.truth import scene_truth
+from ledpi.camera.simulate.render import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
 from ledpi.core.records import Frame

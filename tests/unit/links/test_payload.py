@@ -17,7 +17,7 @@ from ledpi.config.origins import values_of
 from ledpi.config.outputs import KEYS, OutputSettings
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
-from ledpi.links.factory import TARGETS, open_target
+from ledpi.links.bridge import TARGETS, open_target
 from ledpi.links.payload import Payload, payload_of
 from ledpi.wire import FixMessage, MarkerMessage, Receiver, StatusMessage
 from ledpi.wire.message import State

@@ -16,9 +16,10 @@ from ledpi.core.geometry import quaternion_from_matrix
 from ledpi.daemon.tap.frames import not_read_of
 from ledpi.page.encode import amplified, as_jpeg, as_png, focus, histogram
 from ledpi.page.lines import check_line
-from ledpi.page.panels import PanelTable, drawn, drawn_reasons, panels_from_above, robot_from_above
+from ledpi.page.panels import drawn, drawn_reasons, panels_from_above, robot_from_above
 from ledpi.page.server import FILES
 from ledpi.pipeline.diagnosis.diagnose import Diagnosis
+from ledpi.workshop.monitor import PanelTable
 from tests.builders import ROOT
 from tests.builders.made_up_daemon import HELLO, PANEL, decoded
 
@@ -131,7 +132,7 @@ def test_the_ellipse_holds_two_deviations_along_its_axes() -> None:
 
 def test_rows_tell_age_and_rate_and_are_forgotten() -> None:
     """Ten detections in a second are 5/s of the last two; 30 s later there is no row."""
-    table = PanelTable()
+    table = PanelTable(30.0)
     for moment in range(10):
         table.see({"exposed_ns": moment * 100_000_000, "markers": [PANEL]})
     (row,) = table.rows(1_000_000_000)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from ledpi.camera.recording.reader import TruthMarker
+from ledpi.camera.simulate.render import scene_truth
 from ledpi.camera.simulate.scene import Panel, Scene, SimulatedSensor
 from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.camera.simulate.trajectory import Gliding, Still, facing_camera
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.core.geometry import rotation_angle_deg
 from ledpi.core.records import Detection, Frame, MarkerPose, PanelSpec, PlanarSolution, Rejected
 from ledpi.pose.corners import independent

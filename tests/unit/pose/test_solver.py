@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.core.geometry import matrix_from_quaternion, matrix_from_rotation_vector
+from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.records import Floats, Intrinsics, Rejected
 from ledpi.pose.corners import independent, whiteners
 from ledpi.pose.planar import FREEDOM, SURPRISING, solve_squares, square_corners
@@ -28,7 +28,7 @@ def normal_equations(turn: Floats, at: Floats, *given: object) -> tuple[Floats, 
     columns = []
     for way in 1e-6 * np.eye(6):
         ends = [
-            left_over(matrix_from_rotation_vector(sign * way[3:]) @ turn, at + sign * way[:3], *given)  # type: ignore[arg-type]
+            left_over(cv2.Rodrigues(sign * way[3:])[0] @ turn, at + sign * way[:3], *given)  # type: ignore[arg-type]
             for sign in (1, -1)
         ]
         columns.append((ends[1] - ends[0]) / 2e-6)
@@ -42,7 +42,7 @@ def test_poses_of_squares_are_least_squares(lens: Intrinsics) -> None:
     """Near and far, face on and oblique, upside down, with errors that hang together: no step would gain."""
     rng, gains = np.random.default_rng(6), []
     for number in range(40):
-        turn = matrix_from_rotation_vector(rng.normal(size=3) * [0.6, 0.6, 2.0]) @ UPSIDE_DOWN
+        turn = cv2.Rodrigues(rng.normal(size=3) * [0.6, 0.6, 2.0])[0] @ UPSIDE_DOWN
         at = turn @ square_corners(0.16).T + np.array([[0.1], [-0.1], [1.0]]) * rng.uniform(0.5, 6)
         corners = seen_through(lens, (at[:2] / at[2]).T * (lens.fx, lens.fy) + (lens.cx, lens.cy))
         corners += rng.normal(0, 0.1, corners.shape)
@@ -74,13 +74,13 @@ def test_poses_of_squares_are_least_squares(lens: Intrinsics) -> None:
 def test_poses_of_a_body_are_least_squares(starts: int) -> None:
     """Three squares that hang together, from poses near the true one; of more starts the two likeliest."""
     rng = np.random.default_rng(starts)
-    turn = matrix_from_rotation_vector(np.array([0.2, -0.3, 0.1])) @ UPSIDE_DOWN
+    turn = cv2.Rodrigues(np.array([0.2, -0.3, 0.1]))[0] @ UPSIDE_DOWN
     points = np.concatenate([square_corners(0.16) + shift for shift in ([0, 0, 0], [0.5, 0.1, 0.2], [-0.4, 0.2, 0.1])])
     at = turn @ points.T + np.array([[0.1], [-0.1], [2.0]])
     seen = seen_through(LENS, (at[:2] / at[2]).T * (LENS.fx, LENS.fy) + (LENS.cx, LENS.cy))
     seen += rng.normal(0, 0.1, seen.shape)
     weights = whiteners(np.array([independent(sigma) for sigma in (0.05, 0.1, 0.2)]))
-    rotations = np.array([matrix_from_rotation_vector(rng.normal(0, 0.1, 3)) @ turn for _ in range(starts)])
+    rotations = np.array([cv2.Rodrigues(rng.normal(0, 0.1, 3))[0] @ turn for _ in range(starts)])
     positions = np.array([0.1, -0.1, 2.0]) + rng.normal(0, 0.05, (starts, 3))
     fits = fit_body(rotations, positions, points, seen, weights, LENS, at_most=2)
     assert len(fits.chi2) == min(starts, 2)

@@ -10,7 +10,7 @@ import pytest
 
 from ledpi.core.records import Floats
 from ledpi.state.filter import Filter
-from ledpi.state.motion import OWN, POSE, Step, propagate
+from ledpi.state.inputs import OWN, POSE, Step, propagate
 from tests.builders.state import look, room
 
 GYRO = Step(0.1, 0.3, 0.2, drifts_with=0.1)

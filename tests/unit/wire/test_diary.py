@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ledpi.config.odometry import OdometrySettings
+from ledpi.config.robot import OdometrySettings
 from ledpi.core.errors import RecordingError
 from ledpi.pose.fix import Robot
 from ledpi.state.estimator import State

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
@@ -23,7 +24,6 @@ from ledpi.config.settings import SerialSettings, load_config
 from ledpi.core.errors import ConfigError, WireError
 from ledpi.core.geometry import (
     CAMERA_LINK_FROM_CAMERA,
-    matrix_from_rotation_vector,
     matrix_from_rpy_deg,
     quaternion_from_matrix,
     rpy_deg_from_matrix,
@@ -195,7 +195,7 @@ def test_the_angles_covariance_follows_the_attitude() -> None:
     rotation = matrix_from_rpy_deg(*tilted)
 
     def angles(turn: Floats) -> Floats:
-        ned = NED_FROM_ENU @ matrix_from_rotation_vector(turn) @ rotation @ FRD_FROM_FLU
+        ned = NED_FROM_ENU @ cv2.Rodrigues(turn)[0] @ rotation @ FRD_FROM_FLU
         return np.radians(rpy_deg_from_matrix(ned))
 
     step = 1e-6

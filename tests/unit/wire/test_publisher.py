@@ -22,7 +22,7 @@ import pytest
 
 from ledpi.config.settings import SerialSettings
 from ledpi.core.errors import WireError
-from ledpi.core.holder import who_holds
+from ledpi.core.linux import who_holds
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage
 from ledpi.wire.codec import DELIMITER, encode
 from ledpi.wire.line import SerialLine, listening

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from ledpi.config.settings import load_config
-from ledpi.workshop.doctor import outputs
+from ledpi.workshop.doctor import checks
 from ledpi.workshop.doctor.finding import Finding
 from tests.builders.bridges import free_port
 from tests.builders.certificates import certificates, needs_openssl
@@ -33,7 +33,7 @@ def _no_systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def found(*settings: str, file: Path | None = None) -> list[Finding]:
     """Returns those of an output `field` with these settings."""
     given = f"outputs={{field: {{{', '.join(settings)}}}}}"
-    return list(outputs.examine(load_config(file, ("panels.side_m=1", given))))
+    return list(checks.examine_outputs(load_config(file, ("panels.side_m=1", given))))
 
 
 def target(*settings: str) -> Finding:
@@ -140,7 +140,7 @@ def test_the_services_group_must_be_able_to_read_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, state: str
 ) -> None:
     """Whoever asks the doctor: root may read all."""
-    monkeypatch.setattr(outputs, "GROUP", grp.getgrgid(os.getgid()).gr_name)
+    monkeypatch.setattr(checks, "GROUP", grp.getgrgid(os.getgid()).gr_name)
     one = secret(tmp_path, mode)
     assert one.state == state
     assert "correct-horse" not in one.said + one.remedy
@@ -175,7 +175,7 @@ def test_a_certificate_is_told_with_its_end(authority: Path) -> None:
 @needs_openssl
 def test_a_certificate_that_ends_soon_is_told(authority: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before it stops the bridge."""
-    monkeypatch.setattr(outputs, "SOON_S", 40 * 86400.0)
+    monkeypatch.setattr(checks, "SOON_S", 40 * 86400.0)
     one = tls(authority, "broker.pem")
     assert (one.state, one.remedy) == ("bad", "renew it")
 
@@ -220,7 +220,7 @@ def test_whether_the_service_starts_with_the_machine_is_told(tmp_path: Path, sai
 
 def test_of_several_cameras_each_has_its_own_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Named as docs/outputs.md names it."""
-    monkeypatch.setattr(outputs, "CAMERAS", tmp_path)
-    assert outputs.unit_of("field", tmp_path / "front.yaml") == "ledpi-bridge@front-field"
-    assert outputs.unit_of("field", tmp_path / "config.yaml") == "ledpi-bridge@field"
-    assert outputs.unit_of("field", None) == "ledpi-bridge@field"
+    monkeypatch.setattr(checks, "CAMERAS", tmp_path)
+    assert checks.unit_of("field", tmp_path / "front.yaml") == "ledpi-bridge@front-field"
+    assert checks.unit_of("field", tmp_path / "config.yaml") == "ledpi-bridge@field"
+    assert checks.unit_of("field", None) == "ledpi-bridge@field"

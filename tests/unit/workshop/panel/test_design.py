@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ledpi.camera.simulate.render import Renderer
+from ledpi.camera.simulate.render import Renderer, scene_truth
 from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, SimulatedSensor
 from ledpi.camera.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.camera.simulate.trajectory import Still, facing_camera
-from ledpi.camera.simulate.truth import scene_truth
 from ledpi.cli import app, main, panel_design
 from ledpi.cli.panel_design import farthest_first
 from ledpi.config.settings import load_config
@@ -36,10 +35,10 @@ from ledpi.workshop.panel.design import (
     proposal_at,
     views_of,
 )
+from ledpi.workshop.panel.design_text import findings
 from ledpi.workshop.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
 from ledpi.workshop.panel.information import View, evidence_of, separation_nats, view_panel
 from ledpi.workshop.panel.reach import Reach, chance_of_reading, reach_of
-from ledpi.workshop.panel.verdict import findings
 from tests.builders import ROOT
 from tests.builders.samples import observed
 

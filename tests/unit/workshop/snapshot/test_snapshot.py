@@ -22,8 +22,7 @@ from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.pipeline.diagnosis.drawing import AXES, text
 from ledpi.pipeline.diagnosis.why_not import Why
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.workshop.snapshot.enlarged import GAP, TILE, TITLE
-from ledpi.workshop.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw
+from ledpi.workshop.snapshot.page import BLOCKS_GAP, COLUMN, GAP, LEFT, PICTURES_TOP, RIGHT, TILE, TITLE, WIDTH, draw
 from ledpi.workshop.snapshot.sources import Snapshot, explain, take
 from tests.builders import DEADLINE_S, ROOT
 from tests.builders.faults import FAULTS, camera_of, config_of
@@ -110,11 +109,11 @@ def test_the_enlarged_cells_stand_upright(drawn: Pixels) -> None:
 def test_what_was_dropped_is_outlined(snapshot: Snapshot, drawn: Pixels) -> None:
     """The lamp has no bands; its outline lies on its sides. What has corners is in the trace once, in their order."""
     from_find = [why for why in snapshot.decoded.rejected if why.stage == "find"]
-    assert from_find + [dropped.why for dropped in snapshot.dropped] == list(snapshot.decoded.rejected)
+    assert from_find + [dropped.why for dropped in snapshot.trace.dropped] == list(snapshot.decoded.rejected)
     half = LAMP_SIZE_M / 2
     corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0.0]])
     true = opencv_pixels(corners, LAMP.pose, LENS)
-    lamp = min(snapshot.dropped, key=lambda dropped: float(np.abs(dropped.corners_px - true).max()))
+    lamp = min(snapshot.trace.dropped, key=lambda dropped: float(np.abs(dropped.corners_px - true).max()))
     assert lamp.why.reason == "steady"
     assert lamp.corners_px == pytest.approx(true, abs=2.5)
     middle = (lamp.corners_px[0] + lamp.corners_px[1]) / 2

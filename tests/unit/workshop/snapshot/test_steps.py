@@ -19,8 +19,7 @@ from ledpi.decode.identify.decision import Reading
 from ledpi.pipeline.diagnosis.drawing import BLACK_CLASS, WHITE_CLASS
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import class_alone, class_given_others
-from ledpi.workshop.snapshot.enlarged import View, view_of
-from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH
+from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH, View, view_of
 from ledpi.workshop.snapshot.sources import Snapshot, take
 from ledpi.workshop.snapshot.steps import CAPTION, GAP, TITLE, draw_steps, tile_width
 from tests.builders.command import Run, in_process
@@ -168,7 +167,7 @@ def test_soft_shows_what_was_read_before_what_was_not(soft: Snapshot) -> None:
     given_others = class_given_others(look.evidence, look.reading.cell_bands, turned.ravel())
     for nats in (given_others, class_alone(look.evidence)):
         np.testing.assert_array_equal(nats.reshape(4, 4) > 0, turned)
-    lamp = [dropped for dropped in soft.dropped if np.abs(dropped.corners_px.mean(axis=0) - (80, 400)).max() < 3]
+    lamp = [dropped for dropped in soft.trace.dropped if np.abs(dropped.corners_px.mean(axis=0) - (80, 400)).max() < 3]
     assert {dropped.why.reason for dropped in lamp} == {"no_bands"}
 
 
