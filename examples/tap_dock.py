@@ -37,10 +37,15 @@ def approach(seen: Seen) -> Motion | None:
     return toward(math.remainder(panel + clip(aim - panel, VIEW_RAD) - yaw, math.tau), min(FASTEST_M_S, 1.2 * left))
 
 
+def is_vague(seen: Seen) -> bool:
+    """Tells whether where it is is too uncertain to go on, also backwards; else it stands."""
+    return seen.is_vague(abs(GOAL - seen.ahead(0)[0].real), 0.02)
+
+
 def hold(motion: Motion, seconds: float, seen: Seen) -> Generator[Motion, Seen, Seen]:
     ends_ns = seen.now_ns + seconds * 1e9
-    while seen.now_ns < ends_ns:
-        seen = yield motion
+    while seen.now_ns < ends_ns or is_vague(seen):
+        seen = yield STAND if is_vague(seen) or seen.now_ns >= ends_ns else motion
     return seen
 
 
@@ -63,7 +68,7 @@ def dock() -> Steering:
             else:
                 return
         while GOAL - at.real < BACK_M:
-            seen = yield -0.15, 2 * (clip(2 * at.imag, 0.25) - yaw)
+            seen = yield STAND if is_vague(seen) else (-0.15, 2 * (clip(2 * at.imag, 0.25) - yaw))
             at, yaw = seen.ahead()
 
 

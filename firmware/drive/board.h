@@ -17,7 +17,7 @@
 #define BOARD_GAIN 100 /* duty, of 255, a period for each m/s that a wheel is too slow */
 
 static volatile uint8_t board_queue[64], board_in, board_out;
-static volatile uint16_t board_overflows;
+static volatile uint32_t board_overflows; /* of 2^15 µs: the clock has all 32 bits */
 static volatile uint32_t board_byte_us; /* when the newest byte came */
 static volatile int32_t board_steps[2];
 
@@ -36,8 +36,8 @@ static uint32_t board_now_us(void)
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
         const uint16_t half_us = TCNT1;
-        const uint16_t high = board_overflows + (TIFR1 & _BV(TOV1) && half_us < 0x8000);
-        now = (uint32_t)high << 15 | half_us >> 1;
+        const uint32_t high = board_overflows + (TIFR1 & _BV(TOV1) && half_us < 0x8000);
+        now = high << 15 | half_us >> 1;
     }
     return now;
 }

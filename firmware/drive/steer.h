@@ -166,9 +166,10 @@ static inline steer_motion steer_dock_step(const steer_robot *robot, steer_dock 
     const float across = c * (at.y_m - dock->goal.y_m) - s * (at.x_m - dock->goal.x_m); /* to the left of the axis */
     const float yaw = steer_wrapped(at.yaw_rad - dock->goal.yaw_rad);
     const float panel = atan2f(-across, along + dock->panel_m); /* the direction in which it is seen */
+    const bool is_vague = state->deviation_m > .02f + .2f * fabsf(along); /* first it must see the panel */
     if (dock->phase == STEER_MEND)
-        return steer_mend(robot, dock, now_us, along, across, yaw);
-    if (state->deviation_m > .02f + .2f * fabsf(along)) /* first it must see the panel */
+        return is_vague ? STEER_STAND : steer_mend(robot, dock, now_us, along, across, yaw);
+    if (is_vague)
         return fabsf(steer_wrapped(panel - yaw)) > .05f ? steer_turn(robot, steer_wrapped(panel - yaw)) : STEER_STAND;
     if (dock->phase == STEER_BACK) {
         if (along > STEER_BACK_M)

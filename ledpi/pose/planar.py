@@ -9,7 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.core.geometry import matrix_from_quaternion, quad_side, quaternion_from_matrix, rotation_angle_deg
+from ledpi.core.geometry import (
+    matrix_from_quaternion,
+    quad_side,
+    quaternion_from_matrix,
+    rotation_angle_deg,
+    rotation_vector,
+)
 from ledpi.core.lens import projected
 from ledpi.core.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
 from ledpi.pose import refine
@@ -24,6 +30,7 @@ MAX_REPROJECTION = 0.04
 SAME_DEG = 0.1
 # Eight coordinates less the six numbers of a pose; and the χ² that these exceed by chance once in a hundred times.
 FREEDOM, SURPRISING = 2, 9.2
+Z = 3.1  # deviations: noise goes further to one side once in a thousand times
 
 Solutions = tuple[PlanarSolution, ...]  # one or two, the better first
 
@@ -99,7 +106,8 @@ def _checked(one: PlanarSolution, other: PlanarSolution, square: _Square) -> Sol
         if _least_reprojection_px(square) > MAX_REPROJECTION * quad_side(square.corners_px.tolist()):
             return NOT_SQUARE
         best, second = _scaled(best, ratio), _scaled(second, ratio)
-    return (best, second) if _apart_deg(best, second) > least_deg else (best,)
+    way, are_apart = _way(best, second), _apart_deg(best, second) > least_deg
+    return (_widened(best, way), _widened(second, way)) if are_apart else (_widened(best, way),)
 
 
 def _least_reprojection_px(square: _Square) -> float:
@@ -132,6 +140,29 @@ def _mirrored(solution: PlanarSolution, square: _Square) -> PlanarSolution:
     return PlanarSolution(
         camera_from_marker=mirror, reprojection_px=float(np.linalg.norm(off_px)) / 2.0, chi2=float(left @ left)
     )
+
+
+def _way(one: PlanarSolution, other: PlanarSolution) -> Floats:
+    """(6,) from one pose to another: metres, and radians about the camera's axes."""
+    a, b = one.camera_from_marker, other.camera_from_marker
+    turn = matrix_from_quaternion(b.quaternion_wxyz) @ matrix_from_quaternion(a.quaternion_wxyz).T
+    return np.concatenate([b.position_m - a.position_m, rotation_vector(turn)])
+
+
+def _widened(solution: PlanarSolution, way: Floats) -> PlanarSolution:
+    """The solution, its deviation towards the other one, along the way (6,) to it, as wide as χ² is there.
+
+    A square's shape tells how far it is turned from the line of sight by the square of that: of two poses that are d
+    apart χ² at x from the first is (x/s)²·(1 − x/d)², which the slopes there take for (x/s)². At Z deviations, but no
+    further than half way, where the other one begins, both are made the same.
+    """
+    covariance = _covariance(solution)
+    chi2 = float(way @ np.linalg.solve(covariance, way))
+    if not chi2 > 0.0:
+        return solution
+    wider = (1.0 - min(Z / math.sqrt(chi2), 0.5)) ** -2 - 1.0
+    covariance = read_only(covariance + wider / chi2 * np.outer(way, way))
+    return replace(solution, camera_from_marker=replace(solution.camera_from_marker, covariance=covariance))
 
 
 def _scaled(solution: PlanarSolution, ratio: float) -> PlanarSolution:

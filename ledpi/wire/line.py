@@ -247,7 +247,8 @@ class Ear(Protocol):
 def listening(line: SerialLine, hear: Callable[[bytes, int], None] | None) -> Iterator[None]:
     """Reads, in a thread of its own, as long as the context lasts; or until the port is lost, which writing shows.
 
-    `hear` takes what has come, and when; None: nothing is read.
+    `hear` takes what has come, and when; None: nothing is read. What it raises is a mistake of ours: told once, with
+    where it was, and the next is heard.
     """
     if hear is None:
         yield
@@ -255,11 +256,17 @@ def listening(line: SerialLine, hear: Callable[[bytes, int], None] | None) -> It
     ends = threading.Event()
 
     def listen() -> None:
+        has_failed = False
         with suppress(WireError):
             while not ends.is_set():
                 data = line.read(LOOK_S)
-                if data:
-                    hear(data, time.monotonic_ns())
+                try:
+                    if data:
+                        hear(data, time.monotonic_ns())
+                except Exception as error:
+                    if not has_failed:
+                        _log.warning("ear_failed error=%s", json.dumps(repr(error)), exc_info=error)
+                    has_failed = True
 
     thread = threading.Thread(target=listen, name="ear", daemon=True)
     thread.start()

@@ -7,7 +7,6 @@ is never read: its filter holds our fixes, and we would hear our own echo.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable
 from typing import Any
@@ -20,6 +19,7 @@ from ledpi.wire.state_message import TOTAL_MAX, U16, U32, OdometryMessage, TimeA
 _FRAMING, _SIGNATURE, _HEAD = 12, 13, 10  # bytes beside what a packet holds; of a signed one; before what it holds
 _LATER = 2  # bytes that newer dialects add to a packet: whom a TIMESYNC is for
 STALE_US = 250_000  # without wheels, or without a rate, which are not known then
+MOST_M, MOST_RAD_S = 1e9, 70.0  # that wheels go, and twice what gyros measure: more is no measurement
 _NOTHING = ReceiverCounters(good=0, lost=0, restarts=0, bad={}, skipped={})
 
 
@@ -104,13 +104,14 @@ class AutopilotReceiver:
             return [answer] if packet.tc1 > 0 else []
         if kind == "ATTITUDE":
             t_us = 1000 * packet.time_boot_ms
-            if not math.isfinite(packet.yawspeed):
+            if not abs(packet.yawspeed) < MOST_RAD_S:
                 return []
             self._turn(t_us, -packet.yawspeed)  # its z points down
-            has_wheels = self._wheels_us is not None and 0 <= wrapped32(t_us - self._wheels_us) <= STALE_US
+            # Its stamps are whole milliseconds: of one moment it looks older than wheels that have microseconds.
+            has_wheels = self._wheels_us is not None and abs(wrapped32(t_us - self._wheels_us)) <= STALE_US
             return [] if has_wheels else [self._odometry(t_us, (None, None))]
         wheels = packet.distance[:2]
-        if packet.count < 2 or not all(map(math.isfinite, wheels)):
+        if packet.count < 2 or not all(abs(way) < MOST_M for way in wheels):
             return []
         self._wheels_us = packet.time_usec
         return [self._odometry(packet.time_usec, (_total(wheels[0]), _total(wheels[1])))]

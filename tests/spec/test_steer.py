@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from evaluation.drives.docking import Docking, dock
+from evaluation.drives.plant import steered
 from examples import tap_dock
 from examples.tap_robot import STAND, Seen
 from ledpi.wire import Mode, OdometryMessage, Receiver, StateMessage
@@ -70,6 +71,67 @@ def test_a_cut_line_stops_it() -> None:
     """At full speed: the motors are told so within 0.3 s of the last state."""
     done = dock(8, Docking(cut_s=2.0))
     assert 2.0 < done.moving_s < 2.3
+
+
+def test_it_stands_before_the_panel_where_its_place_is_uncertain() -> None:
+    """Both examples: 5 mm beyond the goal, then with a deviation of half a metre; once that is known it goes on."""
+    for steers in (steered(), InPython()):
+        steers.begin((tap_dock.GOAL, 0.0, 0.0), tap_dock.PANEL_M)
+        told = []
+        for n in range(400):
+            deviation_m = 0.5 if 50 <= n < 300 else 0.003
+            state = StateMessage(
+                position_m=(tap_dock.GOAL + 0.005, 0.0), yaw_rad=0.0, velocity=(0.0, 0.0),
+                deviations=(deviation_m, deviation_m, 0.001), correlations=(0.0, 0.0, 0.0), mode=Mode.ODOMETRY,
+                panels=1, clock_us=20_000 * n,
+            )  # fmt: skip
+            steers.hear(b"\0" + encode(state, n & 0xFF), 20_000 * n)
+            told.append(steers.dock(20_000 * n))
+        assert {motion for motion, _ in told[51:300]} == {STAND}
+        assert {motion for motion, _ in told[300:]} > {STAND}
+        assert not any(docked for _, docked in told)
+
+
+BOARD_CLOCK = """
+#define F_CPU 16000000UL
+#include <stdio.h>
+#include "board.h"
+volatile uint16_t TCNT1, UBRR0;
+volatile uint8_t %s;
+int main(void)
+{
+    const uint64_t at_us[] = {0, 1ull << 31, (1ull << 31) + 70000, (1ull << 32) - 1, (1ull << 32) + 7};
+    for (int k = 0; k < 5; k++) {
+        TCNT1 = (uint16_t)(2 * at_us[k]);
+        board_overflows = (uint32_t)(2 * at_us[k] >> 16);
+        printf("%%lu\\n", (unsigned long)board_now_us());
+    }
+}
+"""
+REGISTERS = "TIFR1,PIND,UDR0,UCSR0A,DDRB,DDRD,EICRA,EIMSK,TCCR0A,TCCR0B,TCCR1B,TIMSK1,UCSR0B,OCR0A,OCR0B,PORTB"
+BITS = (
+    "TOV1,PD4,PD7,DDB0,DDB1,DDB4,DDD5,DDD6,ISC01,ISC00,ISC11,ISC10,INT0,INT1,COM0A1,COM0B1,WGM00,CS01,CS11"
+)
+BITS += ",TOIE1,U2X0,RXCIE0,RXEN0,TXEN0,UDRE0,PORTB1,PORTB0,PORTB4"
+
+
+@needs_gcc
+def test_the_board_s_clock_has_32_bits(tmp_path: Path) -> None:
+    """Also after 35 minutes, with the timer of half microseconds; compiled for this machine, its registers made up."""
+    headers = {
+        "avr/interrupt.h": "#define ISR(v) void v(void)\n#define sei()",
+        "avr/io.h": f"#include <stdint.h>\n#define _BV(b) (1 << (b))\nextern volatile uint16_t TCNT1, UBRR0;\n"
+        f"extern volatile uint8_t {REGISTERS};\nenum {{{BITS}}};",
+        "util/atomic.h": "#define ATOMIC_BLOCK(x) if (1)",
+        "clock.c": BOARD_CLOCK % REGISTERS,
+    }
+    for name, text in headers.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="ascii")
+    folders = [f"-I{folder}" for folder in (tmp_path, ROOT / "firmware/drive", ROOT / "firmware/receiver")]
+    subprocess.run(["gcc", "-w", *folders, "-o", tmp_path / "clock", tmp_path / "clock.c", "-lm"], check=True)
+    told = subprocess.run([tmp_path / "clock"], capture_output=True, text=True, check=True).stdout.split()
+    assert told == ["0", "2147483648", "2147553648", "4294967295", "7"]
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,15 @@ from pathlib import Path
 from ledpi.core.errors import ConfigError
 from ledpi.daemon.tap.follower import Follower
 from ledpi.daemon.tap.places import GROUP
-from ledpi.daemon.tap.protocol import MAX_REQUEST_BYTES, Request, RequestError, error, read_request, write_line
+from ledpi.daemon.tap.protocol import (
+    AT_ONCE,
+    MAX_REQUEST_BYTES,
+    Request,
+    RequestError,
+    error,
+    read_request,
+    write_line,
+)
 
 _BACKLOG = 64
 MOST_FOLLOWERS = 64
@@ -152,20 +160,26 @@ class Crowd:
             self._bell.silence()
 
     def requests(self) -> Iterator[tuple[Follower, Request]]:
-        """Yields what clients ask, one line of each. What is no request is answered here."""
+        """Yields what clients ask, one line of each, after all that is AT_ONCE. What is no request is answered here."""
         for follower in list(self):
-            try:
-                line = follower.request()
-            except ValueError:
-                text = f"a line without an end; a request must be one line of {MAX_REQUEST_BYTES} bytes at most"
-                follower.answer(write_line(error(text)))
-                follower.ending = True
-                continue
-            try:
-                if line:
-                    yield follower, read_request(line)
-            except RequestError as mistake:
-                follower.answer(write_line(error(str(mistake), mistake.id)))
+            while (request := self._request_of(follower)) is not None:
+                yield follower, request
+                if request.do not in AT_ONCE:
+                    break
+
+    def _request_of(self, follower: Follower) -> Request | None:
+        try:
+            line = follower.request()
+        except ValueError:
+            text = f"a line without an end; a request must be one line of {MAX_REQUEST_BYTES} bytes at most"
+            follower.answer(write_line(error(text)))
+            follower.ending = True
+            return None
+        try:
+            return read_request(line) if line else None
+        except RequestError as mistake:
+            follower.answer(write_line(error(str(mistake), mistake.id)))
+            return None
 
     def send(self) -> None:
         """Sends what each takes now; who is gone, or takes nothing for long, is left."""

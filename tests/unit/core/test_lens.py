@@ -93,9 +93,9 @@ def test_a_lens_that_folds_has_no_ray_beyond_its_fold() -> None:
     """With k1 = -0.4 the radius r (1 - 0.4 r²) turns back at r = 1 / √1.2, 304 px from the middle at fx 500."""
     lens = camera((-0.4, 0.0, 0.0, 0.0, 0.0), focal=500)
     assert widest_ray(lens) == pytest.approx(1 / math.sqrt(1.2), rel=2e-3)
-    rays = undistort(np.array([[317.0 + 300, 244.0], [317.0 + 310, 244.0]]), lens)
+    rays = undistort(np.array([[317.0 + 300, 244.0], [317.0 + 310, 244.0], [317.0, 244.0 - 310]]), lens)
     assert rays[0] == pytest.approx([0.82, 0.0], abs=0.03)
-    assert np.isnan(rays[1]).all()
+    assert np.isnan(rays[1:]).all()
     further = np.array([[0.95, 0.0]])  # seen within the picture, at another ray's pixel
     assert np.isnan(distort(further, lens)).all()
     assert 0 < opencv_pixels(further, lens)[0, 0] < 640

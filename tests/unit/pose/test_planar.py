@@ -182,6 +182,26 @@ def test_errors_are_as_large_as_the_covariance_says(
     np.testing.assert_allclose(np.sqrt(np.mean(errors**2, axis=0) / reported), 1.0, atol=0.07)
 
 
+@pytest.mark.parametrize(("distance_m", "tilt_deg"), [(2.0, 0.0), (3.0, 0.0), (3.0, 6.0), (5.0, 0.0)])
+def test_deviations_hold_where_a_square_is_seen_nearly_face_on(distance_m: float, tilt_deg: float) -> None:
+    """400 draws: beyond what a χ² of 6 exceeds once in a thousand is one in fifty at most, of the nearer solution."""
+    rng, beyond = np.random.default_rng(3), 0
+    for _ in range(400):
+        rotation = turn("y", tilt_deg) @ FACING @ turn("z", rng.uniform(0, 90))
+        position = distance_m * np.array([rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2), 1.0])
+        exact = pixels(marker_corners(), rotation, position, PINHOLE)
+        covariance = covariance_px2(exact, 0.15)
+        found = solved(solve_square(with_errors(exact, rng, 0.15), covariance, SIDE_M, PINHOLE))
+        nees = []
+        for pose in (solution.camera_from_marker for solution in found):
+            assert pose.covariance is not None
+            turned_by = cv2.Rodrigues(matrix_of(pose.quaternion_wxyz) @ rotation.T)[0][:, 0]
+            error = np.concatenate([pose.position_m - position, turned_by])
+            nees.append(error @ np.linalg.solve(pose.covariance, error))
+        beyond += min(nees) > 22.5
+    assert beyond <= 8
+
+
 def test_an_error_of_the_size_is_one_of_the_distance() -> None:
     """Square on at 1 m, all sides outward alike by 0.2 px or so: of the side's half as much as of the distance."""
     corners = pixels(marker_corners(), FACING, np.array([0.0, 0.0, 1.0]), PINHOLE)

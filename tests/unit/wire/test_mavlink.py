@@ -407,6 +407,8 @@ def test_a_state_that_begins_anew_is_a_reset() -> None:
     states = [(STATE, 0), (STATE, 0), (None, 0), (STATE, 0), (elsewhere, 0), (elsewhere, 0), (STATE, 1), (STATE, 1)]
     sent = [mavlink.encode(state_message(of, clock_us=None, map_resets=maps), 10_000_000) for of, maps in states]
     assert [parse(packet).reset_counter for packet in sent if packet] == [1, 1, 2, 3, 3, 4, 4]
+    further = [mavlink.encode(state_message(STATE, clock_us=None, map_resets=2 + k), 10_000_000) for k in range(253)]
+    assert [parse(packet).reset_counter for packet in further if packet][-3:] == [255, 0, 1]  # a byte
 
 
 def test_an_autopilot_s_wheels_and_rate_of_turn_are_odometry() -> None:
@@ -437,10 +439,24 @@ def test_an_autopilot_s_wheels_and_rate_of_turn_are_odometry() -> None:
     assert (last.clock_us, last.left_100um, last.right_100um) == (542_704, 60_000, 120_000)
     assert (last.yaw_100urad, last.restarted) == (-5050, False)
     assert len(told) == 11 + 11
+    wild = [common.MAVLink_wheel_distance_message(0, 2, [1e306, 0.0, *[0.0] * 14]).pack(autopilot)]
+    wild += [common.MAVLink_attitude_message(4_300_000, 0, 0, 0, 0, 0, 3e30).pack(autopilot)]
+    assert heard.feed(b"".join(wild)) == []
     asked = parse(codec().encode(TimeAsk(number=4711), 123_456_789_012))
     assert asked.tc1 == 0
     answered = common.MAVLink_timesync_message(7_000_000_000, asked.ts1).pack(autopilot)
     assert heard.feed(answered) == [TimeAnswer(number=4711, arrived_us=7_000_000, left_us=7_000_000)]
+
+
+def test_a_rate_that_looks_older_than_its_wheels_does_not_take_their_place() -> None:
+    """An autopilot that stamps wheels in microseconds, and its attitude in whole milliseconds."""
+    autopilot, heard, told = common.MAVLink(None, srcSystem=1, srcComponent=1), AutopilotReceiver(common, system=1), []
+    for ms in range(1000, 2000, 20):
+        wheels = common.MAVLink_wheel_distance_message(1000 * ms + 300, 2, [0.001 * ms, 0.001 * ms, *[0.0] * 14])
+        attitude = common.MAVLink_attitude_message(ms, 0, 0, 0, 0, 0, 0.1)
+        told += heard.feed(wheels.pack(autopilot) + attitude.pack(autopilot))
+    assert len(told) == 50
+    assert all(isinstance(message, OdometryMessage) and message.left_100um is not None for message in told)
 
 
 def test_without_pymavlink_the_codec_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,7 +25,7 @@ from ledpi.core.errors import WireError
 from ledpi.core.linux import who_holds
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage
 from ledpi.wire.codec import DELIMITER, encode
-from ledpi.wire.line import SerialLine
+from ledpi.wire.line import SerialLine, listening
 from ledpi.wire.publisher import Publisher
 from tests.builders.waiting import wait_until
 from tests.builders.wire import decoded_now
@@ -61,6 +61,10 @@ class FarEnd:
 
     def marker_ids(self) -> list[int]:
         return [message.id for message in self.messages if isinstance(message, MarkerMessage)]
+
+    def say(self, data: bytes) -> None:
+        """Writes to the daemon."""
+        os.write(self._master, data)
 
     def fileno(self) -> int:
         return self._slave
@@ -446,3 +450,22 @@ def test_without_a_port_nothing_is_opened_or_kept() -> None:
     publisher.publish(decoded_now(7))
     publisher.stop()
     assert (publisher.counters.opened, publisher.counters.sent, publisher.counters.unsent) == (0, 0, 0)
+
+
+def test_a_mistake_in_hearing_does_not_end_it(far_end: FarEnd, caplog: pytest.LogCaptureFixture) -> None:
+    """What comes later is heard; it is told once."""
+    heard = []
+
+    def hear(data: bytes, now_ns: int) -> None:
+        heard.append(data)
+        if b"x" in data:
+            raise OverflowError("of ours")
+
+    line = SerialLine(far_end.path, 115200)
+    with listening(line, hear):
+        for count, said in enumerate((b"x", b"x", b"more"), start=1):
+            far_end.say(said)
+            wait_until(lambda count=count: len(heard) >= count)
+    line.close()
+    assert b"".join(heard) == b"xxmore"
+    assert [record.message for record in caplog.records].count("ear_failed error=\"OverflowError('of ours')\"") == 1

@@ -198,6 +198,8 @@ def test_a_board_of_the_other_kind_is_reported_too(pictures: Path) -> None:
     assert other_board(picture, CHARUCO) == "--board chessboard --cols 6 --rows 5"
     assert other_board(charuco_pictures()[0], BOARD) == "--board charuco"
     assert other_board(picture, BOARD) is None
+    larger = Board(columns=9, rows=7, kind=Kind.CHARUCO)
+    assert other_board(charuco_pictures()[0], larger) == "--board charuco --cols 6 --rows 5"
 
 
 def test_pictures_of_two_sizes_are_refused(command: Command) -> None:
