@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from evaluation.simulated import BuiltAppearance
 from evaluation.suites.conditions import Condition, Variation
-from evaluation.suites.decoys import decoys
-from evaluation.suites.placing import place_in_view
+from evaluation.suites.decoys import decoys, place_in_view
 from evaluation.suites.surroundings import frames, lamps_beside, occluders, pages, touching
 from ledpi.camera.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, SimulatedSensor
 from ledpi.camera.simulate.trajectory import Gliding, Still, Trajectory

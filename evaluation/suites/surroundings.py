@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from evaluation.suites.conditions import Variation
-from evaluation.suites.decoys import lamp
-from evaluation.suites.placing import Placer, as_room_is
+from evaluation.suites.decoys import Placer, as_room_is, lamp
 from ledpi.camera.simulate.scene import Light, Panel, Print, SimulatedSensor
 from ledpi.camera.simulate.trajectory import Still
 from ledpi.core.geometry import transform

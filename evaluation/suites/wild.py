@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from evaluation.simulated import BuiltAppearance, GlossyFloor
+from evaluation.suites.decoys import place_in_view
 from evaluation.suites.draw import Take, brightness_of, drawable_ids
-from evaluation.suites.placing import place_in_view
 from evaluation.suites.surroundings import BEFORE, page_behind, rectangle
 from evaluation.suites.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
 from ledpi.camera.simulate.render import panel_corners_m
