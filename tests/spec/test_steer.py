@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from evaluation.drives.docking import Docking, dock
-from evaluation.drives.plant import steered
+from evaluation.drives.robot import steered
 from examples import tap_dock
 from examples.tap_robot import STAND, Seen
 from ledpi.wire import Mode, OdometryMessage, Receiver, StateMessage
@@ -109,9 +109,7 @@ int main(void)
 }
 """
 REGISTERS = "TIFR1,PIND,UDR0,UCSR0A,DDRB,DDRD,EICRA,EIMSK,TCCR0A,TCCR0B,TCCR1B,TIMSK1,UCSR0B,OCR0A,OCR0B,PORTB"
-BITS = (
-    "TOV1,PD4,PD7,DDB0,DDB1,DDB4,DDD5,DDD6,ISC01,ISC00,ISC11,ISC10,INT0,INT1,COM0A1,COM0B1,WGM00,CS01,CS11"
-)
+BITS = "TOV1,PD4,PD7,DDB0,DDB1,DDB4,DDD5,DDD6,ISC01,ISC00,ISC11,ISC10,INT0,INT1,COM0A1,COM0B1,WGM00,CS01,CS11"
 BITS += ",TOIE1,U2X0,RXCIE0,RXEN0,TXEN0,UDRE0,PORTB1,PORTB0,PORTB4"
 
 
