@@ -17,7 +17,7 @@
 #define BOARD_GAIN 100 /* duty, of 255, a period for each m/s that a wheel is too slow */
 
 static volatile uint8_t board_queue[64], board_in, board_out;
-static volatile uint32_t board_overflows; /* of 2^15 µs: the clock has all 32 bits */
+static volatile uint32_t board_overflows; /* each 2^15 µs: the clock has all 32 bits */
 static volatile uint32_t board_byte_us; /* when the newest byte came */
 static volatile int32_t board_steps[2];
 

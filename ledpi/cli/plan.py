@@ -50,7 +50,7 @@ def draw_plan(path: Path | None, config: Path | None, overrides: list[str], seq:
         draw_robot(axes, robot, SIGMAS)
         (x, y), heading_deg = robot["position_m"], np.degrees(robot["heading_rad"])
         said = f"robot at {x:+.3f} {y:+.3f} m, heading {heading_deg:+.1f}°, by {robot['by']}"
-    axes.set_title(f"{plan.title}: {said}", fontsize=9)
+    axes.set_title(f"{plan.title}: {said}", fontsize=9, parse_math=False)
     write_drawn(out, np.asarray(cv2.imdecode(np.frombuffer(png_of(axes), np.uint8), cv2.IMREAD_COLOR)), "--out")
     return f"{plan.title}: {said}"
 

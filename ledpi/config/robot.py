@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ledpi.config.values import Angles, MountPosition, Section
 from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
@@ -14,6 +14,9 @@ from ledpi.state.inputs import OdometryNoise
 
 # Per root of a metre or a second. A wheel that errs by its own way, or a gyro by a radian a second, measures nothing.
 Deviation = Annotated[float, Field(ge=0.0001, le=1, allow_inf_nan=False)]
+
+
+LEAST_HZ = 0.1  # of states, where there are any
 
 
 class OdometryDeviations(Section):
@@ -47,11 +50,17 @@ class CameraMount(Section):
     rpy_deg: Angles = (0.0, 0.0, 0.0)
 
 
+def _never_or_soon(hz: float) -> float:
+    if hz != 0 and not hz >= LEAST_HZ:
+        raise ValueError(f"must be 0, or {LEAST_HZ:g} at least")
+    return hz
+
+
 class RobotSettings(Section):
     """The section `robot`."""
 
     camera_mount: CameraMount = CameraMount()
-    state_hz: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] | None = None
+    state_hz: Annotated[float, Field(le=100, allow_inf_nan=False), AfterValidator(_never_or_soon)] | None = None
 
 
 def base_link_from_camera(mount: CameraMount) -> Floats:

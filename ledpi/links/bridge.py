@@ -196,15 +196,15 @@ class Bridge:
                 self._target.tell_state(self._state, mail.health)
             if mail.frame is not None:
                 self._send(mail.frame)
-            if mail.robot is not None:
-                self._takes(self._target.send_robot, mail.robot, time.monotonic_ns())
+            if mail.robot is not None and self._is_new(mail.robot.get("t_ns"), now_ns := time.monotonic_ns()):
+                self._takes(self._target.send_robot, mail.robot, now_ns)
             self._target.tick()
         except TargetLostError as error:
             self._lose(error)
 
     def _send(self, frame: Line) -> None:
-        now_ns, exposed_ns = time.monotonic_ns(), frame.get("exposed_ns")
-        if not isinstance(exposed_ns, int) or now_ns - exposed_ns > self._max_age_ns:
+        now_ns = time.monotonic_ns()
+        if not self._is_new(frame.get("exposed_ns"), now_ns):
             self.counters.stale += 1
             self._note_stale(now_ns)
             return
@@ -213,6 +213,9 @@ class Bridge:
             self.counters.sent += 1
         else:
             self.counters.refused += 1
+
+    def _is_new(self, t_ns: object, now_ns: int) -> bool:
+        return isinstance(t_ns, int) and now_ns - t_ns <= self._max_age_ns
 
     def _note_stale(self, now_ns: int) -> None:
         """Says it once of each time in which nothing was new enough."""

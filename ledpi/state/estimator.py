@@ -113,6 +113,7 @@ class Head:
             self.advance(what.t_ns)
         if what.lifted:
             self.judge.belief.filter.has_pose, self.judge.rival = False, None  # it may be anywhere
+            self.judge.trust.looks.clear()  # nobody knows how it moved since
 
 
 class Estimator:

@@ -121,15 +121,19 @@ def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(
 
 
 def test_all_of_a_network_get_datagrams(daemon: MadeUpDaemon, tmp_path: Path) -> None:
-    """By its broadcast address, which the kernel permits only to who asks for it; states between frames, too."""
+    """By its broadcast address, which the kernel permits only to who asks for it; states, too, but no old ones."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("", 0))
         listener.settimeout(limit_s())
         far = {"kind": "udp", "host": "127.255.255.255", "port": listener.getsockname()[1]}
         with bridge(far, tmp_path / "tap.sock", tmp_path):
             wait_until(lambda: json.loads(listener.recv(1 << 16))["type"] == "decoded")
-            daemon.frame = {"type": "robot_state", "t_ns": time.monotonic_ns()}
-            wait_until(lambda: b"robot_state" in listener.recv(1 << 16))
+            daemon.frame = {"type": "robot_state", "t_ns": time.monotonic_ns() - 10**10, "mode": "old"}
+            shows(daemon, 10)
+            daemon.frame = {"type": "robot_state", "t_ns": time.monotonic_ns() + 10**10, "mode": "new"}
+            said = [b""]
+            wait_until(lambda: b'"new"' in said[-1], meanwhile=lambda: said.append(listener.recv(1 << 16)))
+            assert not any(b'"old"' in each for each in said)
 
 
 @pytest.mark.slow

@@ -95,3 +95,24 @@ def test_a_lifted_robot_is_nowhere_until_a_panel_is_seen() -> None:
     assert isinstance(estimator.at(SECOND_NS), Rejected)
     heard(estimator, look(3, (1.0, 1.0, 2.0), 0.7))
     assert np.allclose(state_at(estimator, 0.7).pose, [1.0, 1.0, 2.0], atol=1e-6)
+
+
+def test_who_lifts_a_robot_does_not_make_its_odometry_a_liar() -> None:
+    """Its wheels turn by half a metre meanwhile; then it sees eight panels from elsewhere: it is still believed."""
+    four = room()
+    estimator = Estimator(four | {10 + panel: four[panel] for panel in four}, SEAT)
+
+    def see(pose: tuple[float, float, float], t_s: float) -> None:
+        looks = [look(panel, pose, t_s) for panel in four]
+        heard(estimator, *looks, *(replace(each, panel=10 + each.panel) for each in looks))
+
+    for k in range(31):
+        heard(estimator, replace(odometry(0.05 * k, way_m=max(0.0, 0.05 * (k - 20))), lifted=k == 30))
+        if k < 20:
+            see((0.0, 0.0, 0.0), 0.05 * k)
+    for k in range(20):
+        heard(estimator, odometry(1.55 + 0.05 * k, way_m=0.5))
+        see((1.0, 1.0, 2.0), 1.56 + 0.05 * k)
+    state = state_at(estimator, 2.52)
+    assert state.by_odometry
+    assert np.allclose(state.pose, [1.0, 1.0, 2.0], atol=0.02)

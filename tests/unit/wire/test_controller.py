@@ -25,6 +25,20 @@ def agreed() -> Controller:
     return controller
 
 
+@pytest.mark.parametrize("baud", [9600, 38400, 115200])
+def test_a_board_that_is_quicker_than_its_baud_rate_is_believed(baud: int) -> None:
+    """Itself the USB device: a millisecond there, one back, whatever the rate; its clock is known to half of both."""
+    controller = Controller(baud)
+    for n in range(5):
+        stamp_us = (AHEAD_US + 500_000 * n + 1000) % 2**32
+        controller.note_asked(n, 500 * MS * n)
+        answer = TimeAnswer(number=n, arrived_us=stamp_us, left_us=stamp_us)
+        assert controller.take(answer, (500 * n + 2) * MS) is None
+    told = controller.take(said(2010, 0, 0), 2015 * MS)
+    assert isinstance(told, Odometry)
+    assert told.t_ns == pytest.approx(2010 * MS, abs=MS)
+
+
 def said(t_ms: int, left: int, right: int, **flags: bool) -> OdometryMessage:
     clock_us = (AHEAD_US + 1000 * t_ms) % 2**32
     return OdometryMessage(clock_us=clock_us, left_100um=left, right_100um=right, yaw_100urad=None, **flags)

@@ -453,7 +453,7 @@ def test_without_a_port_nothing_is_opened_or_kept() -> None:
 
 
 def test_a_mistake_in_hearing_does_not_end_it(far_end: FarEnd, caplog: pytest.LogCaptureFixture) -> None:
-    """What comes later is heard; it is told once."""
+    """It is told once, and the next is heard."""
     heard = []
 
     def hear(data: bytes, now_ns: int) -> None:

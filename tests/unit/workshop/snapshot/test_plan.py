@@ -33,18 +33,18 @@ def test_the_arrow_points_ahead_and_the_ellipse_holds_three_deviations() -> None
 def test_a_recording_says_where_the_robot_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A metre before panel 7, which hangs a metre ahead of the map's origin; the daemon alone is asked without one."""
+    """A metre before panel 7, which is a metre ahead of the map's origin. Without a take the daemon is asked."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "markers.yaml").write_text("panels: {7: {position_m: [1, 0, 1], yaw_deg: 180}}")
     (tmp_path / "config.yaml").write_text("panels: {side_m: 0.16}\nmap: markers.yaml\n")
     ledpi = in_process(monkeypatch, capsys)
-    assert ledpi("simulate", "take", "--frames", 3)[0] == 0
-    status, output, errors = ledpi("snapshot", "take", "--map", "--out", "plan.jpg")
+    assert ledpi("simulate", "a$x_^$", "--frames", 3)[0] == 0
+    status, output, errors = ledpi("snapshot", "a$x_^$", "--map", "--out", "plan.jpg")
     assert (status, errors) == (0, "")
-    assert output.startswith("plan.jpg: take, frame 2: robot at ")
+    assert output.startswith("plan.jpg: a$x_^$, frame 2: robot at ")
     x, y = (float(word) for word in output.split("robot at ")[1].split()[:2])
     assert (x, y) == (pytest.approx(0, abs=0.02), pytest.approx(0, abs=0.02))
     assert "by panel 7" in output
     assert (tmp_path / "plan.jpg").read_bytes().startswith(b"\xff\xd8")
-    assert "map is not set" in complaint(ledpi("snapshot", "take", "--map", "--set", "map=null"))
-    assert "no frame 9" in complaint(ledpi("snapshot", "take", "--map", "--frame", 9))
+    assert "map is not set" in complaint(ledpi("snapshot", "a$x_^$", "--map", "--set", "map=null"))
+    assert "no frame 9" in complaint(ledpi("snapshot", "a$x_^$", "--map", "--frame", 9))

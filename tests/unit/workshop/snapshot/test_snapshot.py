@@ -114,7 +114,7 @@ def test_what_was_dropped_is_outlined(snapshot: Snapshot, drawn: Pixels) -> None
     corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0.0]])
     true = opencv_pixels(corners, LAMP.pose, LENS)
     lamp = min(snapshot.trace.dropped, key=lambda dropped: float(np.abs(dropped.corners_px - true).max()))
-    assert lamp.why.reason == "steady"
+    assert lamp.why.reason in {"no_bands", "steady"}  # by the first fit, or once all cells are known
     assert lamp.corners_px == pytest.approx(true, abs=2.5)
     middle = (lamp.corners_px[0] + lamp.corners_px[1]) / 2
     x, y = np.round(on_page(middle)).astype(int)
