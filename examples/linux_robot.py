@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 import sys
+import termios
 import time
+from typing import NoReturn
 
 import serial
 
@@ -55,12 +57,25 @@ class Narrator:
         return f"{state} {where}".rstrip()
 
 
+def wrong(said: str) -> NoReturn:
+    """Ends with status 2, as a command does that was called wrongly."""
+    print(said, file=sys.stderr)
+    sys.exit(2)
+
+
+def opened(port: str) -> serial.Serial:
+    try:
+        return serial.Serial(port, 115200, timeout=0.02)
+    except (serial.SerialException, termios.error) as error:
+        wrong(f"{port}: {error}; must be the serial port that ledpi writes to")
+
+
 def main() -> None:
     if len(sys.argv) != 2:
-        sys.exit("usage: python examples/linux_robot.py PORT")
+        wrong("usage: python examples/linux_robot.py PORT")
     receiver, guard, narrator = Receiver(), Guard(), Narrator()
     where = ""
-    with serial.Serial(sys.argv[1], 115200, timeout=0.02) as line:
+    with opened(sys.argv[1]) as line:
         line.reset_input_buffer()  # what piled up before we listened is old
         while True:
             for message in receiver.feed(line.read(max(1, line.in_waiting))):

@@ -105,7 +105,8 @@ def _fill(header: Any, frame: str, fields: PoseFields, at: Any, turned: Any) -> 
 
 def main() -> None:
     if len(sys.argv) < 2:  # ROS adds arguments of its own
-        sys.exit("usage: python examples/ros2_node.py PORT")
+        print("usage: python examples/ros2_node.py PORT", file=sys.stderr)
+        sys.exit(2)
     import rclpy
 
     rclpy.init()

@@ -11,7 +11,7 @@ import math
 import signal
 import sys
 import time
-from cmath import phase, rect
+from cmath import isfinite, phase, rect
 from collections.abc import Generator
 from typing import Any, NamedTuple
 
@@ -114,4 +114,7 @@ if __name__ == "__main__":
         to = [complex(*(float(metres) for metres in point.split(",", 1))) for point in sys.argv[1:]]
     except ValueError:
         to = []
-    main(go_through(to)) if to else sys.exit("usage: python examples/tap_robot.py X,Y [X,Y ...]")
+    if not to or not all(map(isfinite, to)):
+        print("usage: python examples/tap_robot.py X,Y [X,Y ...]", file=sys.stderr)
+        sys.exit(2)
+    main(go_through(to))

@@ -158,9 +158,9 @@ class RobotState:
         clock_us = self._keeper.clock_us(t_ns)
         try:
             message = state_message(state, clock_us=clock_us, map_resets=self._map_resets)
-        except WireError:
+        except WireError:  # none is told, but it is not silent
             self._reject(OUT_OF_RANGE)
-            return
+            state, message = None, state_message(None, clock_us=clock_us, map_resets=self._map_resets)
         self._tell(Now(t_ns, state, message))
         if state is not None and state.events != self._noted:
             for each in state.events:

@@ -8,11 +8,13 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ledpi.config.settings import load_config
+from ledpi.core.geometry import transform
 from ledpi.core.records import Rejected
 from ledpi.daemon.robot_state import Now, RobotState
 from ledpi.pose.fix import Robot
@@ -97,3 +99,19 @@ def test_a_failure_of_the_estimator_begins_it_anew(caplog: pytest.LogCaptureFixt
         see(1e-5)
         wait_until(lambda: told[-1].message.mode is Mode.PANELS)
     assert [record.getMessage().split()[0] for record in caplog.records] == ["state_failed"]
+
+
+def test_a_place_that_fits_no_packet_is_told_as_none() -> None:
+    """A kilometre from the map's origin: it is counted, and the line is not silent."""
+    far = {i: replace(panel, map_from_marker=transform(np.eye(3), np.array([1000.0, 0, 0])) @ panel.map_from_marker)
+           for i, panel in room().items()}  # fmt: skip
+    rejected, told = Counter[str](), list[Now]()
+    state = RobotState(
+        CONFIG, Robot(base_link_from_camera=SEAT, panels=far), 0, told.append, lambda why: rejected.update([why.key])
+    )
+    with running(state):
+        state.see(decoded(marker_pose(3, time.monotonic_ns() - 1_000_000, pose=pose_at(0.1, 1e-5 * np.eye(6)))))
+        wait_until(lambda: rejected["state.out_of_range"] > 2)
+        before = len(told)
+        wait_until(lambda: len(told) > before + 2)
+    assert {now.message.mode for now in told} == {Mode.NONE}

@@ -35,12 +35,24 @@ def test_a_robot_drives_on_a_young_fix_only() -> None:
 
 @pytest.mark.parametrize(("name", "start"), [("linux_robot.py", linux_main), ("ros2_node.py", ros2_main)])
 def test_an_example_without_a_port_says_how_it_is_called(
-    name: str, start: Callable[[], None], monkeypatch: pytest.MonkeyPatch
+    name: str, start: Callable[[], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As whoever tries it first sees it."""
+    """As whoever tries it first sees it, with a command's status for what was called wrongly."""
     monkeypatch.setattr(sys, "argv", [name])
-    with pytest.raises(SystemExit, match=f"usage: python examples/{name} PORT"):
+    with pytest.raises(SystemExit, match="2"):
         start()
+    assert f"usage: python examples/{name} PORT" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("port", ["/dev/nope", __file__])
+def test_what_is_no_port_is_named(
+    port: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One that is not there, and a file."""
+    monkeypatch.setattr(sys, "argv", ["linux_robot.py", port])
+    with pytest.raises(SystemExit, match="2"):
+        linux_main()
+    assert capsys.readouterr().err.startswith(f"{port}: ")
 
 
 @pytest.mark.parametrize(("no_fix", "drives"), [(NoFix.NONE, True), (NoFix.NO_PANEL, False), (NoFix.UNKNOWN, False)])
