@@ -27,7 +27,7 @@ from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import Fit, rank_codewords
 from ledpi.decode.identify.model_error import as_noise, with_model_error
-from ledpi.decode.identify.plausibility import all_rows_blink, has_other_class, is_plausible
+from ledpi.decode.identify.plausibility import has_other_class, is_plausible, may_end_in_the_dark
 
 NO_BANDS = Rejected(stage="identify", reason="no_bands")
 STEADY = Rejected(stage="identify", reason="steady")
@@ -100,13 +100,15 @@ def _judge(evidence: Evidence, codebook: Codebook, needed: float) -> Reading | R
     deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
     if not is_plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
+    if may_end_in_the_dark(fit):
+        return INCONSISTENT
     outside = hypotheses.odds_against_no_codeword(evidence, fit, codebook, needed)
     if outside < needed:
         return NO_CODEWORD
     other = _odds_against_other_ids(fit, codebook)
     if other < needed:
         return AMBIGUOUS
-    if none < needed or not all_rows_blink(fit):
+    if none < needed:
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),

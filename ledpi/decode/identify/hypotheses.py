@@ -35,6 +35,7 @@ def odds_against_no_codeword(evidence: Evidence, fit: Fit, codebook: Codebook, n
     odds = _least(
         odds_against_other_patterns(fit, codebook),
         odds_against_negative(fit.negative, codebook, fit.likelihood[0]),
+        odds_against_steady_row(fit, codebook),
     )
     if odds >= needed:
         odds = _least(
@@ -100,6 +101,14 @@ def odds_against_negative(of_negative: float, codebook: Codebook, of_codeword: f
     if codebook.spec.phase == "antiphase":
         return math.inf
     return of_codeword - of_negative + prior_odds_of_codeword(codebook)
+
+
+def odds_against_steady_row(fit: Fit, codebook: Codebook) -> float:
+    """Log odds of the best codeword against the same without bands in one row or column of cells.
+
+    A lattice that lies beside its panel, or is larger than what of it is lit, takes a wall or a glow for cells.
+    """
+    return fit.weakest_row + prior_odds_of_codeword(codebook)
 
 
 def odds_against_parts(evidence: Evidence, fit: Fit, codebook: Codebook, enough: float) -> float:

@@ -15,9 +15,6 @@ from ledpi.decode.identify.codewords import Fit
 # own, the panel is no longer seen to be lit. Texture knows of none of this.
 MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
 MAX_DEPTH_RATIO = 2.5
-# Log odds by which a row of cells may be without bands, over having its codeword's: where the exposure has left
-# none of its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
-MOST_AGAINST = 2.0
 
 
 def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evidence) -> bool:
@@ -42,16 +39,14 @@ def has_other_class(evidence: Evidence, fit: Fit, needed: float) -> bool:
     return bool((np.minimum(over_none, fit.gain) > needed).any())
 
 
-def all_rows_blink(fit: Fit) -> bool:
-    """Tells whether every row and column of cells is likely to have the codeword's bands, and not dark at the rim.
+def may_end_in_the_dark(fit: Fit) -> bool:
+    """Tells whether half of a row of cells at the rim, or more, is dark.
 
-    A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
-    but for one that reaches into the panel; and the others may be the better part of another codeword. So at the rim
-    fewer than half of a row may be erased.
+    A lattice that lies a row or a column off takes what is beside the panel for cells. These are dark but for one that
+    reaches into the panel; and the others may be the better part of another codeword.
     """
+    if fit.erased is None:
+        return False
     side = math.isqrt(len(fit.gain))
-    if fit.erased is not None:
-        erased = fit.erased.reshape(side, side)
-        if any(2 * np.count_nonzero(end) >= side for end in (erased[0], erased[-1], erased[:, 0], erased[:, -1])):
-            return False
-    return fit.weakest_row > -MOST_AGAINST
+    erased = fit.erased.reshape(side, side)
+    return any(2 * np.count_nonzero(end) >= side for end in (erased[0], erased[-1], erased[:, 0], erased[:, -1]))

@@ -172,7 +172,8 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
 def test_enough_information_is_enough() -> None:
     """The decoder's own decision is right in 97 of 100 draws; with a tenth it is not; what is certain is not drawn."""
     depth, spec = 0.05, task().spec(1250.0, 2450.0)
-    codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
+    ids = set(range(50)) - set(DICTIONARY.part_like_ids())  # a part of a panel looks nearly like these
+    codebook = Codebook.build(sorted(ids), DICTIONARY, spec)
     for share, least, most in ((3.0, 1.0, 1.0), (1.0, 0.965, 1.0), (0.1, 0.0, 0.1), (0.05, 0.0, 0.0)):
         known = even_evidence(share * ENOUGH_NATS / depth**2, depth)
         assert least <= chance_of_reading(known, codebook, (depth, depth), decision.FALSE_ID_RATE, draws=200) <= most
