@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 import tty
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, field, replace
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -16,8 +18,12 @@ from examples.linux_robot import Guard, Narrator
 from examples.linux_robot import main as linux_main
 from examples.ros2_node import UNKNOWN_VARIANCE, pose_fields
 from examples.ros2_node import main as ros2_main
+from examples.tap_robot import Wheels, drive, go_through
+from ledpi import connect_tap
+from ledpi.daemon.tap.protocol import Request
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
 from ledpi.wire.codec import encode
+from tests.builders.tap import tap_at
 
 POSE = WirePose(
     position_m=(1.0, 2.0, 0.0), quaternion_wxyz=(0.8, 0.0, 0.0, 0.6), deviation_m=(0.1, 0.2, 0.3), deviation_rad=None
@@ -79,6 +85,30 @@ def test_a_stream_that_stops_is_a_reason_too() -> None:
     guard = Guard()
     guard.take(StatusMessage(state=State.RUNNING, no_fix=NoFix.NONE), 0.0)
     assert guard.why_not() == "no fix for 0.3 s"
+
+
+def test_a_robot_on_the_tap_outlives_a_reload(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Between two daemons nobody takes its odometry: it stands, and goes on with the next one."""
+
+    def take(request: Request) -> dict[str, str]:
+        state = {"type": "robot_state", "mode": "odometry", "contested": False, "t_ns": time.monotonic_ns()}
+        tap.tell_state(state)
+        return {}
+
+    class Asked(Wheels):
+        """Until it was asked three times there is no daemon."""
+
+        times = 0
+
+        def totals(self) -> dict[str, float]:
+            self.times += 1
+            if self.times == 3:
+                tap.offer("odometry", take)
+            return super().totals()
+
+    with tap_at(tmp_path / "tap.sock") as tap, connect_tap(tap.path) as client:
+        drive(client, Asked(), go_through([]))
+    assert capsys.readouterr().out.endswith("there\n0.000 m/s, 0.000 rad/s\n")
 
 
 def test_a_fix_becomes_a_ros_pose() -> None:
