@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import sys
 import time
 import tty
@@ -14,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from examples.linux_robot import Guard, Narrator
+from examples.linux_robot import Guard, Narrator, heard
 from examples.linux_robot import main as linux_main
 from examples.ros2_node import UNKNOWN_VARIANCE, pose_fields
 from examples.ros2_node import main as ros2_main
@@ -39,7 +40,9 @@ def test_a_robot_drives_on_a_young_fix_only() -> None:
     assert [guard.may_drive(t) for t in (10.0, 10.27, 10.29)] == [True, True, False]
 
 
-@pytest.mark.parametrize(("name", "start"), [("linux_robot.py", linux_main), ("ros2_node.py", ros2_main)])
+@pytest.mark.parametrize(
+    ("name", "start"), [("examples/linux_robot.py", linux_main), ("-m examples.ros2_node", ros2_main)]
+)
 def test_an_example_without_a_port_says_how_it_is_called(
     name: str, start: Callable[[], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -47,7 +50,7 @@ def test_an_example_without_a_port_says_how_it_is_called(
     monkeypatch.setattr(sys, "argv", [name])
     with pytest.raises(SystemExit, match="2"):
         start()
-    assert f"usage: python examples/{name} PORT" in capsys.readouterr().err
+    assert f"usage: python {name} PORT" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("port", ["/dev/nope", __file__])
@@ -78,6 +81,21 @@ def test_the_robot_says_why_it_stands_and_no_more_than_a_person_can_read() -> No
     assert [said for said in turns if said] == ["stop: no panel"]
     turns = [narrator.line("drive", "at 1.000 2.000 m", 1.0 + turn / 100) for turn in range(101)]
     assert [said for said in turns if said] == 3 * ["drive at 1.000 2.000 m"]
+
+
+def test_what_piled_up_while_nobody_read_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that was held up for four seconds finds fixes in the port's buffer that say they are 20 ms old."""
+    now_s = iter([0.0, 0.02, 4.02, 4.04])
+    monkeypatch.setattr("examples.linux_robot.time", SimpleNamespace(monotonic=lambda: next(now_s)))
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    turns = heard(os.ttyname(slave))
+    found = []
+    for number in range(4):
+        os.write(master, b"\0" + encode(FIX, number))
+        select.select([slave], [], [])
+        found.append(len(next(turns)[0]))
+    assert found == [0, 1, 0, 1]
 
 
 def test_a_stream_that_stops_is_a_reason_too() -> None:
