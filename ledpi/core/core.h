@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* ---- Codewords and other patterns (codewords.c, neighbours.c, hill_climb.c) */
+/* ---- Codewords and other patterns (codewords.c, neighbours.c, hill_climb.c, parts.c) */
 
 enum { LEDPI_MOST_CELLS = 64 }; /* in a pattern: a bit for each */
 
@@ -26,6 +26,9 @@ double ledpi_near_pattern_likelihood(ptrdiff_t cells, ptrdiff_t parameters, cons
 
 double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                               const double *prior, const float *codeword, ptrdiff_t correctable, float *pattern);
+
+double ledpi_likeliest_part(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                            const double *prior, const float *codeword, double enough);
 
 /* ---- Proposals: outlines of four-sided things (find.c), lattices of cells (lattice_squares.c) */
 

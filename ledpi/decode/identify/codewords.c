@@ -139,17 +139,15 @@ LEDPI_SIMD static void gather(const Evidence *evidence, const double *shares, do
         gather_of(evidence, shares, matrix, right, 2);
 }
 
-/* Log-likelihood ratio of a codeword to "no bands", depth and phase integrated out; the bands and their deviations. Without a
- * codeword that of all cells in one class, black. `negated`: with all classes swapped. `shares` (cells, parameters) is room to
- * work in. */
+/* Log-likelihood ratio of a codeword to "no bands", depth and phase integrated out; the bands and their deviations.
+ * `negated`: with all classes swapped. `shares` (cells, parameters) is room to work in. */
 static double exactly(const Evidence *evidence, const float *white, bool negated, double *shares, double *bands,
                       double *deviation) {
     const ptrdiff_t parameters = evidence->parameters;
     double matrix[MOST][MOST], right[MOST], likelihood = 0.0;
     for (ptrdiff_t c = 0; c < evidence->cells; c++)
         for (ptrdiff_t i = 0; i < parameters; i++) {
-            const double is_white = white ? white[c] : 0.0;
-            shares[c * parameters + i] = share_of(evidence, negated ? 1.0 - is_white : is_white, i);
+            shares[c * parameters + i] = share_of(evidence, negated ? 1.0 - white[c] : white[c], i);
         }
     gather(evidence, shares, matrix, right);
     for (ptrdiff_t i = 0; i < parameters; i++) matrix[i][i] += 1.0 / evidence->prior[i];
@@ -231,16 +229,13 @@ LEDPI_SIMD double ledpi_class_flip_gains(ptrdiff_t cells, ptrdiff_t parameters, 
 }
 
 /* Evidence against a codeword (cells,) with these bands (parameters,): what each cell would gain by the other class and the
- * weakest row (above); how likely its negative is, and one class for all cells; and what bands of their own in every cell
+ * weakest row (above); how likely its negative is; and what bands of their own in every cell
  * explain. `shown` (cells, parameters) are the bands in each cell, `matrix` (size, size + 1) is room to work in. */
 static void speak_against(const Evidence *evidence, const float *white, const double *bands, double *shown, double *gain,
-                          double *weakest_row, double *negative, double *single_class, double *of_cells, double *matrix) {
+                          double *weakest_row, double *negative, double *of_cells, double *matrix) {
     const ptrdiff_t cells = evidence->cells, parameters = evidence->parameters, size = cells * parameters;
     double own[MOST], deviation[MOST], *other = matrix; /* not needed for anything else yet */
     *negative = exactly(evidence, white, true, shown, own, deviation);
-    const double all_black = exactly(evidence, NULL, false, shown, own, deviation);
-    const double all_white = exactly(evidence, NULL, true, shown, own, deviation);
-    *single_class = all_black > all_white ? all_black : isnan(all_black) ? all_black : all_white;
     for (ptrdiff_t i = 0; i < size; i++) {
         shown[i] = share_of(evidence, white[i / parameters], i % parameters) * bands[i % parameters];
         other[i] = share_of(evidence, 1.0 - white[i / parameters], i % parameters) * bands[i % parameters];
@@ -294,7 +289,7 @@ static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *erase
 /* The likeliest of `codewords` (count, cells), best first: `chosen` (most,); which cells are `erased` (cells,); and `numbers`:
  * of the best its bands (parameters,), and those in each cell (cells, parameters); log-likelihood ratios to "no bands"
  * (most,); of the best the bands' deviations (parameters,), and what speaks against it: what each cell would gain by the other
- * class (cells,), `weakest_row`, `negative`, `of_cells`, `single_class`, `beyond` (2,). Last, how many cells are erased. Returns
+ * class (cells,), `weakest_row`, `negative`, `of_cells`, `beyond` (2,). Last, how many cells are erased. Returns
  * how many are chosen, 0 where there is no memory. */
 ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                           const double *prior, const float *codewords, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
@@ -303,7 +298,7 @@ ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const doub
     const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * parameters / 2 * NUMBERS;
     double *bands = numbers, *shown = bands + parameters, *likelihood = shown + size, *deviation = likelihood + most;
     double *gain = deviation + parameters, *weakest_row = gain + cells, *negative = weakest_row + 1, *of_cells = negative + 1;
-    double *single_class = of_cells + 1, *beyond = single_class + 1;
+    double *beyond = of_cells + 1;
     double *matrix = malloc(sizeof(double) * (size_t)(size * (size + 1) + of_numbers + most) + sizeof(int64_t) * (size_t)most);
     if (!matrix) return 0;
     double *of_cell = matrix + size * (size + 1), *rough = of_cell + of_numbers;
@@ -320,8 +315,7 @@ ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const doub
         memcpy(deviation, own_deviation, sizeof(double) * (size_t)parameters);
     }
     if (found)
-        speak_against(&evidence, codewords + chosen[0] * cells, bands, shown, gain, weakest_row, negative, single_class, of_cells,
-                      matrix);
+        speak_against(&evidence, codewords + chosen[0] * cells, bands, shown, gain, weakest_row, negative, of_cells, matrix);
     beyond[2] = (double)ledpi_put_erased(&evidence, erased);
     if (found) put_beyond(cells, gain, erased, beyond);
     free(matrix);

@@ -36,7 +36,6 @@ class Fit(NamedTuple):
     weakest_row: float  # of the codeword's bands to none, in the row or column of cells where that is the least
     negative: float  # of the codeword with all classes swapped to "no bands", its bands fitted anew
     of_cells: float  # of bands of its own in every cell to "no bands"
-    single_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
     beyond: list[float]  # of all patterns that differ from it in more cells than 0, 1, to itself
     erased: Mask | None  # (cells,) of which the evidence holds nothing; None where it does of all
 
@@ -62,9 +61,8 @@ class Fit(NamedTuple):
             weakest_row=rest[after],
             negative=rest[after + 1],
             of_cells=rest[after + 2],
-            single_class=rest[after + 3],
-            beyond=rest[after + 4 : after + 6],
-            erased=erased if rest[after + 6] else None,
+            beyond=rest[after + 3 : after + 5],
+            erased=erased if rest[after + 5] else None,
         )
 
 
@@ -73,7 +71,7 @@ def rank_codewords(evidence: Evidence, white: Singles) -> Fit:
     cells, parameters = evidence.score.shape
     most = min(SHORTLIST, len(white))
     chosen, erased = np.empty(most, np.int64), np.empty(cells, np.bool_)
-    numbers = np.empty(most + 2 * parameters + cells * parameters + cells + 7)
+    numbers = np.empty(most + 2 * parameters + cells * parameters + cells + 6)
     if not lib.ledpi_rank_codewords(
         *(*_known(evidence), pointer(white), len(white), most, pointer(chosen), pointer(erased), pointer(numbers))
     ):
@@ -111,6 +109,18 @@ def likeliest_far_pattern(evidence: Evidence, codeword: Singles, correctable: in
     pattern = np.empty(len(evidence.score), np.float32)
     given = pointer(np.ascontiguousarray(codeword))
     return lib.ledpi_likeliest_far_pattern(*_known(evidence), given, correctable, pointer(pattern)), pattern
+
+
+def likeliest_part(evidence: Evidence, codeword: Singles, enough: float) -> float:
+    """Log-likelihood ratio to "no bands" of the likeliest pattern of a part of a panel, less ln 2 for each cell of it.
+
+    A part fills the square with fewer rows or columns of cells, each larger than a fitted one; it may be one cell, or
+    some of two panels. Those that can show the very same as the codeword (cells,) are left out. −∞ where none is above
+    `enough`, NaN where one cannot be weighed.
+    """
+    given = pointer(np.ascontiguousarray(codeword))
+    log_likelihood: float = lib.ledpi_likeliest_part(*_known(evidence), given, enough)
+    return log_likelihood
 
 
 def _known(evidence: Evidence) -> tuple[Any, ...]:

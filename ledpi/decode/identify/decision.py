@@ -4,7 +4,7 @@ A codeword of the dictionary says which cells carry which class, so its likeliho
 panel: no cell is ever decided alone. Depth and phase are not known beforehand; they are integrated out under a
 Gaussian whose width is the depth that the exposure leaves of a square wave (`shutter.harmonic_amplitude`). The best
 codeword must win against its alternatives: no bands at all, the best other ID, all patterns that are no codeword, and
-one class in all cells.
+parts of panels.
 
 On an antiphase panel a codeword and its negative are one pattern, half a cycle apart; only codewords that differ
 from all others' negatives are in its `Codebook`.
@@ -128,7 +128,7 @@ def _would_show(evidence: Evidence, white: Singles, needed: float) -> bool:
     return SHALLOW * float(evidence.prior @ information) > 2.0 * needed * (1.0 + math.sqrt(2.0)) ** 2
 
 
-def surest_bands(fit: Fit, codebook: Codebook, false_id_rate: float) -> Floats | None:
+def surest_bands(evidence: Evidence, fit: Fit, codebook: Codebook, false_id_rate: float) -> Floats | None:
     """The bands (P,) of the best codeword, if only patterns near it are open; None where their phases are.
 
     Cells that deviate from the codeword show the same bands.
@@ -141,7 +141,7 @@ def surest_bands(fit: Fit, codebook: Codebook, false_id_rate: float) -> Floats |
     odds = (
         _odds_against_other_ids(fit, codebook),
         hypotheses.odds_against_negative(fit.negative, codebook, fit.likelihood[0]),
-        hypotheses.odds_against_single_class(fit, codebook),
+        hypotheses.odds_against_parts(evidence, fit, codebook, needed),
     )
     return fit.bands if min(odds) >= needed else None
 

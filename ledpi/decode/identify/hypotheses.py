@@ -14,7 +14,7 @@ import numpy as np
 from ledpi.core.records import Mask
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
-from ledpi.decode.identify.codewords import Fit, likeliest_far_pattern, near_pattern_likelihood
+from ledpi.decode.identify.codewords import Fit, likeliest_far_pattern, likeliest_part, near_pattern_likelihood
 
 # Patterns that are no codeword count as alternatives as if they showed up as often as codewords: all of them alike, or
 # those that differ from a codeword in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
@@ -40,8 +40,8 @@ def odds_against_no_codeword(evidence: Evidence, fit: Fit, codebook: Codebook, n
         odds = _least(
             odds,
             odds_against_near_patterns(evidence, fit, codebook),
-            odds_against_single_class(fit, codebook),
         )
+        odds = _least(odds, odds_against_parts(evidence, fit, codebook, min(odds, FURTHER_ODDS * needed)))
     if needed <= odds < FURTHER_ODDS * needed:
         odds = _least(odds, odds_against_any_pattern(evidence, fit, codebook))
     return odds
@@ -102,13 +102,16 @@ def odds_against_negative(of_negative: float, codebook: Codebook, of_codeword: f
     return of_codeword - of_negative + prior_odds_of_codeword(codebook)
 
 
-def odds_against_single_class(fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best codeword against all cells being of one class, bands fitted anew.
+def odds_against_parts(evidence: Evidence, fit: Fit, codebook: Codebook, enough: float) -> float:
+    """Log odds of the best codeword against a part of a panel that fills its square; exact where less than `enough`.
 
-    A switched lamp is like that, or a panel with a failed driver. If cells are as high as bright bands, whole rows of
-    them are dark; a codeword that agrees with that beats patterns that are like it.
+    Such a part has fewer rows or columns of cells: one cell (or a switched lamp), two whose panel is dark or hidden
+    else, two panels side by side. Parts together are as frequent as codewords, each size as any other, and so is each
+    pattern of a size. What a part can show that is the codeword itself, is for `panels.ids` to exclude.
     """
-    return fit.likelihood[0] - fit.single_class + prior_odds_of_codeword(codebook)
+    codewords, cells = codebook.white.shape
+    most = fit.likelihood[0] + math.log(cells - 1) - math.log(codewords)
+    return most - likeliest_part(evidence, codebook.white[fit.codewords[0]], most - enough)
 
 
 def prior_odds_of_codeword(codebook: Codebook) -> float:

@@ -38,7 +38,7 @@ def read_frame(
     if isinstance(reading, Reading) and are_sinusoids(seen.frame.exposure_us, codebook.spec):
         return reading
     fit = rank_codewords(evidence, codebook.white)
-    bands = surest_bands(fit, codebook, false_id_rate)
+    bands = surest_bands(evidence, fit, codebook, false_id_rate)
     if bands is None:
         return reading if isinstance(reading, Rejected) else AMBIGUOUS
     again = weigher.with_harmonics(seen, codebook.spec, bands)

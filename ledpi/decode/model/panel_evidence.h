@@ -47,7 +47,7 @@ static inline ptrdiff_t ledpi_place_of(const Weighing *w, ptrdiff_t one) {
 }
 
 /* By how much bands meet more noise than if it were not alike in samples near each other (panel_noise.c). Takes the matrix
- * as the unknowns were eliminated from it, and its right side. */
-double ledpi_noise_inflation(const Weighing *w, Sums *sums);
+ * as the unknowns were eliminated from it. */
+double ledpi_noise_inflation(const Weighing *w, const Sums *sums);
 
 #endif

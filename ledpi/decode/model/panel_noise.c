@@ -17,6 +17,9 @@ static const double FURTHEST_PX = 2.0;
 static const double CUBIC = 70.0 / 57.0;
 /* Samples by which it is known what the fit takes of pairs: a few for each cell. */
 enum { REFERENCES = 48, MOST_LAGS = 2 * MOST_EACH * MOST_EACH };
+/* References that are solved for at once. */
+enum { TOGETHER = LEDPI_WIDTH / 2 };
+typedef double Together __attribute__((vector_size(TOGETHER * sizeof(double))));
 
 /* Pairs of samples that are so many lines apart: the sums of products of their residuals, and of what the fit takes. */
 typedef struct {
@@ -51,28 +54,37 @@ static LEDPI_INLINE float shared_share(const Weighing *w, const Sums *sums, ptrd
     return w->asked->compared ? 0.0f : sums->overlap[j][i].shown * sums->norm[within_cell(w, j, i)];
 }
 
-/* Puts N⁻¹a, in the sums' order, of a sample's slopes a, less what is shared. Takes the right side of the matrix N, from which
- * the unknowns are eliminated. */
-static LEDPI_SIMD void put_solved(const Weighing *w, Sums *sums, ptrdiff_t j, ptrdiff_t i, float solved[MOST_SUMS]) {
+/* Puts a sample's slopes a, less what is shared, in the matrix' order. */
+static LEDPI_INLINE void put_slopes(const Weighing *w, const Sums *sums, ptrdiff_t j, ptrdiff_t i, int lane, Together slopes[MOST_SUMS]) {
     const CellOverlap *const overlap = &sums->overlap[j][i];
-    const ptrdiff_t size = COMMON + w->frees;
     const float shown = shared_share(w, sums, j, i), *const shared = sums->shared + within_cell(w, j, i) * w->width;
-    double slopes[MOST_SUMS] = {0.0}, in_order[MOST_SUMS];
-    for (ptrdiff_t k = 0; k < COMMON; k++) slopes[k] = sums->columns[j][i][k];
+    for (ptrdiff_t k = 0; k < COMMON; k++) slopes[k][lane] = sums->columns[j][i][k];
     for (int m = 0; m < overlap->count; m++)
-        for (ptrdiff_t k = 0; k < w->free; k++) slopes[ledpi_place_of(w, overlap->cell[m] * w->free + k)] += overlap->by[m][k];
-    for (ptrdiff_t k = 0; shown != 0.0f && k < COMMON; k++) slopes[k] -= shown * shared[k];
-    for (ptrdiff_t e = 0; shown != 0.0f && e < w->frees; e++) slopes[ledpi_place_of(w, e)] -= shown * shared[DENSE + e];
-    for (ptrdiff_t k = 0; k < size; k++) {
-        double *const row = sums->matrix + k * (size + 1);
-        const double factor = slopes[k] / row[k];
-        row[size] = slopes[k];
-        for (ptrdiff_t m = k + 1; m < size; m++) slopes[m] -= factor * row[m];
+        for (ptrdiff_t k = 0; k < w->free; k++) slopes[ledpi_place_of(w, overlap->cell[m] * w->free + k)][lane] += overlap->by[m][k];
+    for (ptrdiff_t k = 0; shown != 0.0f && k < COMMON; k++) slopes[k][lane] -= shown * shared[k];
+    for (ptrdiff_t e = 0; shown != 0.0f && e < w->frees; e++) slopes[ledpi_place_of(w, e)][lane] -= shown * shared[DENSE + e];
+}
+
+/* Makes N⁻¹a of slopes a, in the order of the matrix, from which the unknowns are eliminated: forward, and back. */
+static LEDPI_SIMD void solve_together(const Weighing *w, const Sums *sums, Together slopes[MOST_SUMS]) {
+    const ptrdiff_t size = COMMON + w->frees;
+    ptrdiff_t k = 0;
+    for (; k + 1 < size; k += 2) {
+        const double *const row = sums->matrix + k * (size + 1), *const next = row + size + 1;
+        const Together factor = slopes[k] / row[k];
+        slopes[k + 1] -= factor * row[k + 1];
+        const Together further = slopes[k + 1] / next[k + 1];
+        for (ptrdiff_t m = k + 2; m < size; m++) slopes[m] -= factor * row[m] + further * next[m];
     }
-    ledpi_solve(sums->matrix, size, in_order);
-    memset(solved, 0, sizeof *solved * (size_t)w->width);
-    for (ptrdiff_t k = 0; k < COMMON; k++) solved[k] = (float)in_order[k];
-    for (ptrdiff_t e = 0; e < w->frees; e++) solved[DENSE + e] = (float)in_order[ledpi_place_of(w, e)];
+    for (k = size - 1; k >= 0; k--) {
+        const double *const row = sums->matrix + k * (size + 1);
+        Together known[4] = {slopes[k]};
+        ptrdiff_t m = k + 1;
+        for (; m + 4 <= size; m += 4)
+            for (int n = 0; n < 4; n++) known[n] -= row[m + n] * slopes[m + n];
+        for (; m < size; m++) known[0] -= row[m] * slopes[m];
+        slopes[k] = ((known[0] + known[1]) + (known[2] + known[3])) / row[k];
+    }
 }
 
 /* The share of noise that the fit takes of a sample together with another, whose slopes are `solved`. */
@@ -85,20 +97,34 @@ static LEDPI_SIMD double taken_of(const Weighing *w, const Sums *sums, ptrdiff_t
     return shown == 0.0f ? taken : taken - shown * ledpi_product(solved, sums->shared + within_cell(w, j, i) * w->width, w->width);
 }
 
-static void add_taken(const Weighing *w, Sums *sums, bool even, ptrdiff_t count, Lag *lags) {
-    const ptrdiff_t lines = w->fit.lines, every = (lines * lines - 1) / REFERENCES + 1;
-    float solved[MOST_SUMS];
-    for (ptrdiff_t j = 0; j < lines; j++)
-        for (ptrdiff_t i = 0; i < lines; i++) {
-            if ((i + 5 * j) % every || !sums->overlap[j][i].count) continue;
-            put_solved(w, sums, j, i, solved);
-            for (Lag *lag = lags; lag < lags + count; lag++)
-                if (are_pair(w, sums, j, i, lag, even))
-                    lag->taken += taken_of(w, sums, j - lag->below, i - lag->aside, solved), lag->references += 1.0;
-        }
+/* Adds what the fit takes of a sample and those that are a lag before it, whose slopes' solution is a lane of `together`. */
+static void add_reference(const Weighing *w, const Sums *sums, ptrdiff_t at, bool even, const Together *together, int lane, ptrdiff_t count,
+                          Lag *lags) {
+    const ptrdiff_t j = at / w->fit.lines, i = at % w->fit.lines;
+    float solved[MOST_SUMS] = {0.0f};
+    for (ptrdiff_t k = 0; k < COMMON; k++) solved[k] = (float)together[k][lane];
+    for (ptrdiff_t e = 0; e < w->frees; e++) solved[DENSE + e] = (float)together[ledpi_place_of(w, e)][lane];
+    for (Lag *lag = lags; lag < lags + count; lag++)
+        if (are_pair(w, sums, j, i, lag, even))
+            lag->taken += taken_of(w, sums, j - lag->below, i - lag->aside, solved), lag->references += 1.0;
 }
 
-double ledpi_noise_inflation(const Weighing *w, Sums *sums) {
+static void add_taken(const Weighing *w, const Sums *sums, bool even, ptrdiff_t count, Lag *lags) {
+    const ptrdiff_t lines = w->fit.lines, every = (lines * lines - 1) / REFERENCES + 1;
+    ptrdiff_t at[TOGETHER], waiting = 0;
+    for (ptrdiff_t sample = 0; sample < lines * lines; sample++) {
+        const ptrdiff_t j = sample / lines, i = sample % lines;
+        if ((i + 5 * j) % every == 0 && sums->overlap[j][i].count) at[waiting++] = sample;
+        if (waiting < TOGETHER && !(waiting && sample == lines * lines - 1)) continue;
+        Together slopes[MOST_SUMS] = {{0.0}};
+        for (int lane = 0; lane < waiting; lane++) put_slopes(w, sums, at[lane] / lines, at[lane] % lines, lane, slopes);
+        solve_together(w, sums, slopes);
+        for (int lane = 0; lane < waiting; lane++) add_reference(w, sums, at[lane], even, slopes, lane, count, lags);
+        waiting = 0;
+    }
+}
+
+double ledpi_noise_inflation(const Weighing *w, const Sums *sums) {
     const double *const along = w->fit.along;
     const bool even = along[w->each] - along[w->each - 1] < 1.01 * (along[1] - along[0]);
     Lag lags[MOST_LAGS];

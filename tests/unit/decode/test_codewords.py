@@ -10,7 +10,12 @@ import pytest
 from ledpi.core.records import Floats, Singles
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.codewords import likeliest_far_pattern, near_pattern_likelihood, rank_codewords
+from ledpi.decode.identify.codewords import (
+    likeliest_far_pattern,
+    likeliest_part,
+    near_pattern_likelihood,
+    rank_codewords,
+)
 
 CELLS = 9  # an odd number: C takes two at a time
 EVERY = np.array(list(itertools.product((0.0, 1.0), repeat=CELLS)), np.float32)  # (512, cells) patterns
@@ -102,3 +107,26 @@ def test_a_pattern_that_differs_in_most_cells_is_found_in_any_phase(turn: float)
     codeword = 1.0 - shown
     codeword[:3] = shown[:3]
     np.testing.assert_array_equal(likeliest_far_pattern(evidence, codeword, 1)[1], shown)
+
+
+HALVES = {1: [[1.0]] * 3, 2: [[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]], 3: [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]}
+
+
+@pytest.mark.parametrize("parameters", [2, 4])
+@pytest.mark.parametrize("own", [0b101100011, 0b111000000])
+def test_the_likeliest_part_is_that_of_all_patterns_of_all_sizes(own: int, parameters: int) -> None:
+    """The middle row of three shows half of either row of a part of two. None shows the codeword."""
+    evidence, best = drawn(4, parameters, EVERY[0b110011001]), -np.inf
+    for rows, columns in itertools.product((1, 2, 3), repeat=2):
+        shares = np.kron(HALVES[rows], HALVES[columns])
+        if rows * columns == 9 or any((shares @ bits == EVERY[own]).all() for bits in patterns_of(rows * columns)):
+            continue
+        every = (likelihood_of(evidence, shares @ bits) for bits in patterns_of(rows * columns))
+        best = max(best, max(every) - rows * columns * np.log(2.0))
+    assert likeliest_part(evidence, EVERY[own], -np.inf) == pytest.approx(best, rel=1e-9)
+    assert likeliest_part(evidence, EVERY[own], best - 1.0) == pytest.approx(best, rel=1e-9)
+    assert likeliest_part(evidence, EVERY[own], 1e6) == -np.inf
+
+
+def patterns_of(cells: int) -> Floats:
+    return np.array(list(itertools.product((0.0, 1.0), repeat=cells)))

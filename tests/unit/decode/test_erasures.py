@@ -21,6 +21,7 @@ from tests.builders.decode import (
     Bits,
     Canvas,
     camera_info,
+    drawn,
     panel_settings,
     reason,
     square,
@@ -137,8 +138,18 @@ def test_an_erased_cell_takes_no_more_than_one_bit_from_the_odds() -> None:
     """Patterns that differ in it are as likely as those that do not: twice as many, a factor of two."""
     margins = []
     for erased in ((), (5,)):
-        reading = decide(evidence_for(word(7), erased=erased), BOOK, 1e-6)
+        reading = decide(evidence_for(word(39), erased=erased), BOOK, 1e-6)
         assert isinstance(reading, Reading)
         margins.append(reading.margin)
     # Of 16 or 15 cells any two may be what is wrong: the pairs, with what one more cell says of each.
     assert margins[0] - margins[1] < math.log(2) + 1.0
+
+
+def test_a_word_that_but_for_a_cell_in_doubt_is_two_larger_cells_is_not_read() -> None:
+    """Word 37 from the left: two columns of either class, but for a cell that tells a fifth of what others do."""
+    like_37 = drawn("1100/1110/1100/1100")
+    assert getattr(decide(evidence_for(like_37), BOOK, 1e-6), "id", None) == 37
+    doubtful = evidence_for(like_37)
+    doubtful.score[6] /= 5.0
+    doubtful.information[6, :, 6] /= 5.0
+    assert reason(decide(doubtful, BOOK, 1e-6)) == "identify.not_in_dictionary"
