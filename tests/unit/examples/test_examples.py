@@ -8,7 +8,7 @@ import sys
 import time
 import tty
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, field, make_dataclass, replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -137,58 +137,21 @@ def test_a_fix_becomes_a_ros_pose() -> None:
     assert fields.orientation_xyzw == (0.0, 0.0, 0.6, 0.8)
     assert fields.covariance[::7] == pytest.approx([0.01, 0.04, 0.09, *[UNKNOWN_VARIANCE] * 3])
     assert sum(value != 0.0 for value in fields.covariance) == 6
-
-
-def test_unknown_deviations_of_the_place_have_no_weight() -> None:
-    """As those of the rotation."""
     assert pose_fields(replace(POSE, deviation_m=None), 0, 0).covariance[::7] == [UNKNOWN_VARIANCE] * 6
 
 
-@dataclass(slots=True)
-class Xyzw:
-    """geometry_msgs' Point and Quaternion: rclpy's own refuse another name, and what is no float."""
-
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    w: float = 0.0
+def stand_in(name: str, **fields: type) -> Any:
+    """A message's class, each field begun by its type: as rclpy's own it refuses another name."""
+    return make_dataclass(name, [(key, Any, field(default_factory=of)) for key, of in fields.items()], slots=True)
 
 
-@dataclass(slots=True)
-class Pose:
-    position: Xyzw = field(default_factory=Xyzw)
-    orientation: Xyzw = field(default_factory=Xyzw)
-
-
-@dataclass(slots=True)
-class PoseWithCovariance:
-    pose: Pose = field(default_factory=Pose)
-    covariance: list[float] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class Header:
-    stamp: Any = None
-    frame_id: str = ""
-
-
-@dataclass(slots=True)
-class PoseWithCovarianceStamped:
-    header: Header = field(default_factory=Header)
-    pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
-
-
-@dataclass(slots=True)
-class Transform:
-    translation: Xyzw = field(default_factory=Xyzw)
-    rotation: Xyzw = field(default_factory=Xyzw)
-
-
-@dataclass(slots=True)
-class TransformStamped:
-    header: Header = field(default_factory=Header)
-    child_frame_id: str = ""
-    transform: Transform = field(default_factory=Transform)
+Xyzw = stand_in("Xyzw", x=float, y=float, z=float, w=float)  # Point, Vector3 and Quaternion
+Pose = stand_in("Pose", position=Xyzw, orientation=Xyzw)
+PoseWithCovariance = stand_in("PoseWithCovariance", pose=Pose, covariance=list)
+Header = stand_in("Header", stamp=int, frame_id=str)
+PoseWithCovarianceStamped = stand_in("PoseWithCovarianceStamped", header=Header, pose=PoseWithCovariance)
+Transform = stand_in("Transform", translation=Xyzw, rotation=Xyzw)
+TransformStamped = stand_in("TransformStamped", header=Header, child_frame_id=str, transform=Transform)
 
 
 Published = list[tuple[str, Any]]  # topic, message
