@@ -28,7 +28,7 @@ double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const 
                               const double *prior, const float *codeword, ptrdiff_t correctable, float *pattern);
 
 double ledpi_likeliest_part(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                            const double *prior, const float *codeword, double enough);
+                            const double *prior, const float *codewords, ptrdiff_t codeword_count, ptrdiff_t best, double enough);
 
 /* ---- Proposals: outlines of four-sided things (find.c), lattices of cells (lattice_squares.c) */
 

@@ -12,6 +12,7 @@
 enum {
     NUMBERS = 5, /* a cell's sums for one wave: x, y; xx, xy, yy */
     LANES = 4, /* codewords that are weighed at a time */
+    SHORTLIST = 16, /* codewords that are compared exactly, if the caller does not say */
 };
 
 typedef double Lanes __attribute__((vector_size(LANES * sizeof(double))));
@@ -182,6 +183,19 @@ ptrdiff_t ledpi_put(int64_t codeword, double likelihood, ptrdiff_t count, ptrdif
     codewords[at] = codeword;
     of[at] = likelihood;
     return count < most ? count + 1 : most;
+}
+
+double ledpi_likeliest_codeword(const Evidence *evidence, const float *codewords, ptrdiff_t count) {
+    double numbers[(LEDPI_MOST_CELLS + 1) * MOST / 2 * NUMBERS], shares[LEDPI_MOST_CELLS * MOST], rough[SHORTLIST], likeliest = -INFINITY;
+    int64_t shortlist[SHORTLIST];
+    put_numbers(evidence, numbers);
+    const ptrdiff_t found = roughly(evidence, numbers, codewords, count, SHORTLIST, shortlist, rough);
+    for (ptrdiff_t n = 0; n < found; n++) {
+        double bands[MOST], deviation[MOST];
+        const double own = exactly(evidence, codewords + shortlist[n] * evidence->cells, false, shares, bands, deviation);
+        if (own > likeliest || isnan(own)) likeliest = own;
+    }
+    return likeliest;
 }
 
 /* The least sum of a row or column of numbers (cells,). */

@@ -1,4 +1,4 @@
-/* Weighs codewords and patterns near them: codewords.c, neighbours.c. */
+/* Weighs codewords and patterns near them: codewords.c, neighbours.c, parts.c. */
 #ifndef LEDPI_CODEWORDS_H
 #define LEDPI_CODEWORDS_H
 
@@ -19,10 +19,11 @@ static inline double share_of(const Evidence *evidence, double white, ptrdiff_t 
     return i < 2 ? 1.0 - white : white;
 }
 
-/* Normal equations of the bands, by all cells of a codeword that share them: matrix (parameters, parameters) and right side. `shares`
- * (cells, parameters) are `share_of` each cell and wave. */
 /* Which cells (cells,) the evidence holds nothing of. Returns how many. */
 ptrdiff_t ledpi_put_erased(const Evidence *evidence, uint8_t *erased);
+
+/* Log-likelihood ratio to "no bands" of the likeliest of `codewords` (count, cells); −∞ where there are none. */
+double ledpi_likeliest_codeword(const Evidence *evidence, const float *codewords, ptrdiff_t count);
 
 /* Puts a codeword among the `most` likeliest so far, best first. Returns how many there are. */
 ptrdiff_t ledpi_put(int64_t codeword, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *codewords, double *of);

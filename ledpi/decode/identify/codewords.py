@@ -111,15 +111,14 @@ def likeliest_far_pattern(evidence: Evidence, codeword: Singles, correctable: in
     return lib.ledpi_likeliest_far_pattern(*_known(evidence), given, correctable, pointer(pattern)), pattern
 
 
-def likeliest_part(evidence: Evidence, codeword: Singles, enough: float) -> float:
-    """Log-likelihood ratio to "no bands" of the likeliest pattern of a part of a panel, less ln 2 for each cell of it.
+def likeliest_part(evidence: Evidence, white: Singles, best: int, enough: float) -> float:
+    """Log-likelihood ratio to "no bands" of the likeliest part of a panel, less the log of how many its size has.
 
-    A part fills the square with fewer rows or columns of cells, each larger than a fitted one; it may be one cell, or
-    some of two panels. Those that can show the very same as the codeword (cells,) are left out. −∞ where none is above
-    `enough`, NaN where one cannot be weighed.
+    A part fills the square with fewer rows or columns of cells, each larger than a fitted one, and shows what codewords
+    (W, cells) have there; but not what shows the `best` codeword itself. −∞ where none is above `enough`, NaN where one
+    cannot be weighed.
     """
-    given = pointer(np.ascontiguousarray(codeword))
-    log_likelihood: float = lib.ledpi_likeliest_part(*_known(evidence), given, enough)
+    log_likelihood: float = lib.ledpi_likeliest_part(*_known(evidence), pointer(white), len(white), best, enough)
     return log_likelihood
 
 

@@ -106,12 +106,12 @@ def odds_against_parts(evidence: Evidence, fit: Fit, codebook: Codebook, enough:
     """Log odds of the best codeword against a part of a panel that fills its square; exact where less than `enough`.
 
     Such a part has fewer rows or columns of cells: one cell (or a switched lamp), two whose panel is dark or hidden
-    else, two panels side by side. Parts together are as frequent as codewords, each size as any other, and so is each
-    pattern of a size. What a part can show that is the codeword itself, is for `panels.ids` to exclude.
+    else, two of panels side by side. Parts together are as frequent as codewords, each size as any other, and so is
+    each pattern of a size. What a part can show that is the codeword itself, is for `panels.ids` to exclude.
     """
     codewords, cells = codebook.white.shape
     most = fit.likelihood[0] + math.log(cells - 1) - math.log(codewords)
-    return most - likeliest_part(evidence, codebook.white[fit.codewords[0]], most - enough)
+    return most - likeliest_part(evidence, codebook.white, fit.codewords[0], most - enough)
 
 
 def prior_odds_of_codeword(codebook: Codebook) -> float:

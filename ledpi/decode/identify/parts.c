@@ -1,4 +1,5 @@
-/* Likelihood of the likeliest part of a panel: a square that shows fewer rows or columns of cells than were fitted to it.
+/* Likelihood of the likeliest part of a panel: a square that shows fewer rows or columns of cells than were fitted to it, as some
+ * codeword has them next to each other.
  *
  * Its own cells are evenly large, so a fitted cell shows of each the share that it overlaps with, a matrix S, and the evidence b, A
  * of the fitted cells is Sᵀb, SᵀAS of its own. */
@@ -56,56 +57,99 @@ static bool may_reach(const Evidence *part, double enough, double *matrix) {
     return !(0.5 * ledpi_explained(matrix, size, 1e-6) <= enough);
 }
 
-/* Tells whether a part can show the very same as the codeword (side²,): then no evidence speaks for one of them. */
-static bool is_part(const float *codeword, ptrdiff_t side, ptrdiff_t rows, ptrdiff_t columns) {
-    for (ptrdiff_t k = 0; k < rows * columns; k++) {
-        float shown = -1.0f;
-        for (ptrdiff_t c = 0; c < side * side; c++) {
-            if (overlap_of(c / side, side, k / columns, rows) * overlap_of(c % side, side, k % columns, columns) == 0.0) continue;
-            if (shown >= 0.0f && shown != codeword[c]) return false;
-            shown = codeword[c];
+/* Patterns that a part may show, (count, rows · columns): each block of each codeword but once, and none that shows the best codeword
+ * itself. `met` are those so far; its size is a power of 2, more than there are blocks. */
+typedef struct {
+    ptrdiff_t count;
+    float *of;
+    uint64_t *met;
+    size_t slots;
+} Blocks;
+
+/* Tells whether a block shows the very same as a codeword (side²,), or as its negative: then no evidence speaks for one of them. */
+static bool is_same(const float *block, ptrdiff_t rows, ptrdiff_t columns, const float *codeword, ptrdiff_t side, bool negative) {
+    for (ptrdiff_t c = 0; c < side * side; c++)
+        for (ptrdiff_t k = 0; k < rows * columns; k++) {
+            const double below = overlap_of(c / side, side, k / columns, rows), across = overlap_of(c % side, side, k % columns, columns);
+            if (below * across != 0.0 && block[k] != (negative ? 1.0f - codeword[c] : codeword[c])) return false;
         }
-    }
     return true;
 }
 
-static double likeliest_part(const Evidence *all, const float *codeword, ptrdiff_t side, double enough, Room *room) {
-    const float black[LEDPI_MOST_CELLS] = {0.0f};
-    float pattern[LEDPI_MOST_CELLS];
-    bool across[LEDPI_MOST_CELLS], down[LEDPI_MOST_CELLS];
-    for (ptrdiff_t n = 1; n < side; n++) {
-        Evidence part = part_of(all, side, side, n, room);
-        across[n] = may_reach(&part, enough, room->matrix);
-        part = part_of(all, side, n, side, room);
-        down[n] = may_reach(&part, enough, room->matrix);
+static bool is_new(uint64_t bits, Blocks *blocks) {
+    const uint64_t key = bits + 1; /* no slot that is taken is 0 */
+    for (size_t at = (size_t)(key * UINT64_C(0x9e3779b97f4a7c15) >> 20);; at++) {
+        at &= blocks->slots - 1;
+        if (blocks->met[at] == key) return false;
+        if (blocks->met[at]) continue;
+        blocks->met[at] = key;
+        return true;
     }
-    double most = -INFINITY;
-    across[side] = down[side] = true;
-    for (ptrdiff_t rows = 1; rows <= side; rows++)
-        for (ptrdiff_t columns = 1; columns <= side; columns++) {
-            if (!down[rows] || !across[columns] || is_part(codeword, side, rows, columns)) continue;
-            const Evidence part = part_of(all, side, rows, columns, room);
-            const double likelihood = ledpi_likeliest_far_pattern(part.cells, part.parameters, part.score, part.information,
-                                                                  part.prior, black, -1, pattern) - (double)part.cells * log(2.0);
-            if (likelihood > most || isnan(likelihood)) most = likelihood;
-        }
-    return most;
 }
 
-/* The log-likelihood ratio to "no bands" of the likeliest pattern of a part of a panel, less ln 2 for each cell of that, as there
- * are so many patterns: of all parts of a square panel that cannot show a codeword (cells,); −∞ where none is above `enough`. Not a
- * number where one's is none, or without memory. */
+static void put_blocks(const float *codewords, ptrdiff_t codeword_count, const float *best, ptrdiff_t side, ptrdiff_t rows,
+                       ptrdiff_t columns, bool antiphase, Blocks *blocks) {
+    memset(blocks->met, 0, sizeof *blocks->met * blocks->slots);
+    blocks->count = 0;
+    for (ptrdiff_t w = 0; w < codeword_count; w++)
+        for (ptrdiff_t first = 0; first < (side - rows + 1) * (side - columns + 1); first++) {
+            const float *const corner = codewords + (w * side + first / (side - columns + 1)) * side + first % (side - columns + 1);
+            float *const block = blocks->of + blocks->count * rows * columns;
+            uint64_t bits = 0;
+            for (ptrdiff_t k = 0; k < rows * columns; k++) {
+                block[k] = corner[k / columns * side + k % columns];
+                bits = bits << 1 | (block[k] > 0.0f);
+            }
+            if (!is_new(bits, blocks) || is_same(block, rows, columns, best, side, false)) continue;
+            if (!(antiphase && is_same(block, rows, columns, best, side, true))) blocks->count++;
+        }
+}
+
+/* The likeliest block of rows × columns cells; less the log of how many there are. */
+static double likeliest_block(const Evidence *part, const float *codewords, ptrdiff_t codeword_count, const float *best, ptrdiff_t side,
+                              ptrdiff_t rows, ptrdiff_t columns) {
+    const size_t windows = (size_t)(codeword_count * (side - rows + 1) * (side - columns + 1));
+    Blocks blocks = {.slots = 1};
+    double likelihood = NAN;
+    while (blocks.slots <= windows) blocks.slots *= 2;
+    blocks.of = malloc(sizeof(float) * (windows + 1) * (size_t)part->cells), blocks.met = malloc(sizeof(uint64_t) * blocks.slots);
+    if (blocks.of && blocks.met) {
+        put_blocks(codewords, codeword_count, best, side, rows, columns, part->parameters == 2, &blocks);
+        likelihood = ledpi_likeliest_codeword(part, blocks.of, blocks.count) - log(fmax((double)blocks.count, 1.0));
+    }
+    free(blocks.of), free(blocks.met);
+    return likelihood;
+}
+
+/* The log-likelihood ratio to "no bands" of the likeliest part of a panel that shows one of the codewords (codeword_count, cells),
+ * less the log of how many patterns parts of its size have: of all sizes but the whole, and of all patterns but what shows the `best`
+ * codeword itself. −∞ where none is above `enough`, not a number where one's is none, or without memory. */
 double ledpi_likeliest_part(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information, const double *prior,
-                            const float *codeword, double enough) {
+                            const float *codewords, ptrdiff_t codeword_count, ptrdiff_t best, double enough) {
     const Evidence all = {cells, parameters, score, information, prior};
     const size_t size = (size_t)(cells * parameters), square = size * size;
+    bool across[LEDPI_MOST_CELLS], down[LEDPI_MOST_CELLS];
+    double most = -INFINITY;
     ptrdiff_t side = 1;
     Room room;
     while (side * side < cells) side++;
     room.half = malloc(sizeof(double) * (4 * square + size));
     if (!room.half) return NAN;
     room.turned = room.half + square, room.information = room.turned + square, room.matrix = room.information + square;
-    const double most = likeliest_part(&all, codeword, side, enough, &room);
+    for (ptrdiff_t n = 1; n < side; n++) {
+        Evidence part = part_of(&all, side, side, n, &room);
+        across[n] = may_reach(&part, enough, room.matrix);
+        part = part_of(&all, side, n, side, &room);
+        down[n] = may_reach(&part, enough, room.matrix);
+    }
+    across[side] = down[side] = true;
+    for (ptrdiff_t rows = 1; rows <= side; rows++)
+        for (ptrdiff_t columns = 1; columns <= side; columns++) {
+            if (rows * columns == cells || !down[rows] || !across[columns]) continue;
+            const Evidence part = part_of(&all, side, rows, columns, &room);
+            const double likelihood = likeliest_block(&part, codewords, codeword_count, codewords + best * cells, side, rows, columns);
+            if (likelihood > most || isnan(likelihood)) most = likelihood;
+        }
     free(room.half);
     return most;
 }

@@ -39,11 +39,24 @@ static ptrdiff_t put_lags(const Weighing *w, Lag *lags) {
     return count;
 }
 
-/* Tells whether a sample and the one that is a lag before it tell noise; across a cell's border only where samples are even there. */
-static LEDPI_INLINE bool are_pair(const Weighing *w, const Sums *sums, ptrdiff_t j, ptrdiff_t i, const Lag *lag, bool even) {
-    const ptrdiff_t lines = w->fit.lines, each = w->each, above = j - lag->below, left = i - lag->aside;
+/* The cell of each line, 0 of all where samples are even across a cell's border. */
+typedef struct {
+    ptrdiff_t of[LINES];
+} Cells;
+
+static Cells cells_of(const Weighing *w) {
+    const double *const along = w->fit.along;
+    const bool even = along[w->each] - along[w->each - 1] < 1.01 * (along[1] - along[0]);
+    Cells cell;
+    for (ptrdiff_t line = 0; line < w->fit.lines; line++) cell.of[line] = even ? 0 : line / w->each;
+    return cell;
+}
+
+/* Tells whether a sample and the one that is a lag before it tell noise. */
+static LEDPI_INLINE bool are_pair(const Weighing *w, const Sums *sums, const Cells *cell, ptrdiff_t j, ptrdiff_t i, const Lag *lag) {
+    const ptrdiff_t lines = w->fit.lines, above = j - lag->below, left = i - lag->aside;
     if (above < 0 || left < 0 || left >= lines || !sums->overlap[j][i].count || !sums->overlap[above][left].count) return false;
-    return even || (j / each == above / each && i / each == left / each);
+    return cell->of[j] == cell->of[above] && cell->of[i] == cell->of[left];
 }
 
 /* Index of a sample's place within its cell, at which cells share a value. */
@@ -98,18 +111,18 @@ static LEDPI_SIMD double taken_of(const Weighing *w, const Sums *sums, ptrdiff_t
 }
 
 /* Adds what the fit takes of a sample and those that are a lag before it, whose slopes' solution is a lane of `together`. */
-static void add_reference(const Weighing *w, const Sums *sums, ptrdiff_t at, bool even, const Together *together, int lane, ptrdiff_t count,
-                          Lag *lags) {
+static void add_reference(const Weighing *w, const Sums *sums, const Cells *cell, ptrdiff_t at, const Together *together, int lane,
+                          ptrdiff_t count, Lag *lags) {
     const ptrdiff_t j = at / w->fit.lines, i = at % w->fit.lines;
     float solved[MOST_SUMS] = {0.0f};
     for (ptrdiff_t k = 0; k < COMMON; k++) solved[k] = (float)together[k][lane];
     for (ptrdiff_t e = 0; e < w->frees; e++) solved[DENSE + e] = (float)together[ledpi_place_of(w, e)][lane];
     for (Lag *lag = lags; lag < lags + count; lag++)
-        if (are_pair(w, sums, j, i, lag, even))
+        if (are_pair(w, sums, cell, j, i, lag))
             lag->taken += taken_of(w, sums, j - lag->below, i - lag->aside, solved), lag->references += 1.0;
 }
 
-static void add_taken(const Weighing *w, const Sums *sums, bool even, ptrdiff_t count, Lag *lags) {
+static void add_taken(const Weighing *w, const Sums *sums, const Cells *cell, ptrdiff_t count, Lag *lags) {
     const ptrdiff_t lines = w->fit.lines, every = (lines * lines - 1) / REFERENCES + 1;
     ptrdiff_t at[TOGETHER], waiting = 0;
     for (ptrdiff_t sample = 0; sample < lines * lines; sample++) {
@@ -119,21 +132,20 @@ static void add_taken(const Weighing *w, const Sums *sums, bool even, ptrdiff_t 
         Together slopes[MOST_SUMS] = {{0.0}};
         for (int lane = 0; lane < waiting; lane++) put_slopes(w, sums, at[lane] / lines, at[lane] % lines, lane, slopes);
         solve_together(w, sums, slopes);
-        for (int lane = 0; lane < waiting; lane++) add_reference(w, sums, at[lane], even, slopes, lane, count, lags);
+        for (int lane = 0; lane < waiting; lane++) add_reference(w, sums, cell, at[lane], slopes, lane, count, lags);
         waiting = 0;
     }
 }
 
 double ledpi_noise_inflation(const Weighing *w, const Sums *sums) {
-    const double *const along = w->fit.along;
-    const bool even = along[w->each] - along[w->each - 1] < 1.01 * (along[1] - along[0]);
+    const Cells cell = cells_of(w);
     Lag lags[MOST_LAGS];
     const ptrdiff_t count = put_lags(w, lags);
-    add_taken(w, sums, even, count, lags);
+    add_taken(w, sums, &cell, count, lags);
     for (ptrdiff_t j = 0; j < w->fit.lines; j++)
         for (ptrdiff_t i = 0; i < w->fit.lines; i++)
             for (Lag *lag = lags; lag < lags + count; lag++) {
-                if (!are_pair(w, sums, j, i, lag, even)) continue;
+                if (!are_pair(w, sums, &cell, j, i, lag)) continue;
                 lag->left += (double)sums->left[j][i] * sums->left[j - lag->below][i - lag->aside], lag->pairs += 1.0;
             }
     const double variance = fmax(lags[0].left / w->asked->freedom, 1e-12);
