@@ -9,6 +9,7 @@ import math
 import sys
 import termios
 import time
+from collections.abc import Iterator
 from typing import NoReturn
 
 import serial
@@ -17,6 +18,7 @@ from ledpi.wire import FixMessage, Message, NoFix, Receiver, StatusMessage
 
 EVERY_S = 0.5
 TIMEOUT_S = 0.3  # the newest fix may be so old, counted from its picture
+LATE_S = 0.1  # since the last look at the port: what has come is of no certain age
 
 
 class Guard:
@@ -63,9 +65,18 @@ def wrong(said: str) -> NoReturn:
     sys.exit(2)
 
 
-def opened(port: str) -> serial.Serial:
+def heard(port: str) -> Iterator[tuple[list[Message], float]]:
+    """Yields what comes, and when (monotonic). What piled up while nobody read is old: it is thrown away."""
+    receiver, read_s = Receiver(), -math.inf
     try:
-        return serial.Serial(port, 115200, timeout=0.02)
+        with serial.Serial(port, 115200, timeout=0.02) as line:
+            while True:
+                data, now_s = line.read(max(1, line.in_waiting)), time.monotonic()
+                if now_s - read_s > LATE_S:
+                    line.reset_input_buffer()
+                    data = b""
+                read_s = now_s
+                yield receiver.feed(data), now_s
     except (serial.SerialException, termios.error) as error:
         wrong(f"{port}: {error}; must be the serial port that ledpi writes to")
 
@@ -73,22 +84,19 @@ def opened(port: str) -> serial.Serial:
 def main() -> None:
     if len(sys.argv) != 2:
         wrong("usage: python examples/linux_robot.py PORT")
-    receiver, guard, narrator = Receiver(), Guard(), Narrator()
-    where = ""
-    with opened(sys.argv[1]) as line:
-        line.reset_input_buffer()  # what piled up before we listened is old
-        while True:
-            for message in receiver.feed(line.read(max(1, line.in_waiting))):
-                guard.take(message, time.monotonic())
-                if isinstance(message, FixMessage):
-                    x, y, _ = message.pose.position_m
-                    where = f"at {x:.3f} {y:.3f} m"
-            now_s = time.monotonic()
-            drives = guard.may_drive(now_s)
-            # Your motors belong here, at every turn; what is printed is for a person.
-            said = narrator.line("drive" if drives else f"stop: {guard.why_not()}", where if drives else "", now_s)
-            if said is not None:
-                print(said, flush=True)
+    guard, narrator, where = Guard(), Narrator(), ""
+    for messages, came_s in heard(sys.argv[1]):
+        for message in messages:
+            guard.take(message, came_s)
+            if isinstance(message, FixMessage):
+                x, y, _ = message.pose.position_m
+                where = f"at {x:.3f} {y:.3f} m"
+        now_s = time.monotonic()
+        drives = guard.may_drive(now_s)
+        # Your motors belong here, at every turn; what is printed is for a person.
+        said = narrator.line("drive" if drives else f"stop: {guard.why_not()}", where if drives else "", now_s)
+        if said is not None:
+            print(said, flush=True)
 
 
 if __name__ == "__main__":

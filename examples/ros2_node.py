@@ -12,7 +12,7 @@ neither is published while both are possible.
 Not run with ROS yet. The tests run it with stand-ins for rclpy; what `pose_fields` gives was put into messages by the
 definitions of ROS 2 Humble and Jazzy, serialised, and read back the same (rosbags 0.11).
 
-    python examples/ros2_node.py /dev/ttyUSB0 --ros-args -p camera_frame:=camera_optical_frame
+    python -m examples.ros2_node /dev/ttyUSB0 --ros-args -p camera_frame:=camera_optical_frame
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-import serial
-
-from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, WirePose
+from examples.linux_robot import heard, wrong
+from ledpi.wire import FixMessage, MarkerMessage, Message, WirePose
 
 UNKNOWN_VARIANCE = 1e6  # m² or rad²: a filter gives it no weight
 
@@ -105,17 +104,16 @@ def _fill(header: Any, frame: str, fields: PoseFields, at: Any, turned: Any) -> 
 
 def main() -> None:
     if len(sys.argv) < 2:  # ROS adds arguments of its own
-        print("usage: python examples/ros2_node.py PORT", file=sys.stderr)
-        sys.exit(2)
+        wrong("usage: python -m examples.ros2_node PORT")
     import rclpy
 
     rclpy.init()
-    publishers, receiver = Publishers(rclpy.create_node("ledpi")), Receiver()
-    with serial.Serial(sys.argv[1], 115200, timeout=0.02) as line:
-        line.reset_input_buffer()
-        while rclpy.ok():
-            for message in receiver.feed(line.read(max(1, line.in_waiting))):
-                publishers.take(message)
+    publishers = Publishers(rclpy.create_node("ledpi"))
+    for messages, _ in heard(sys.argv[1]):
+        for message in messages:
+            publishers.take(message)
+        if not rclpy.ok():
+            break
 
 
 if __name__ == "__main__":

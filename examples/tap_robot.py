@@ -83,7 +83,7 @@ def drive(tap: Any, wheels: Wheels, steering: Steering) -> None:
     next(steering)
     try:
         for line in tap.lines(tick_s=PERIOD_S):
-            if line["type"] == "error":
+            if line["type"] == "error" and not line.get("again"):  # again: the daemon reads its configuration
                 raise LedpiError(line["error"])
             if line["type"] == "robot_state":
                 state = line

@@ -95,6 +95,19 @@ def shared() -> Callable[[str], Path]:
     return locate
 
 
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An empty working directory, without a config.yaml."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder that a daemon of this test writes to."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state" / "ledpi" / "takes"
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_taps(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Daemons of these tests offer their taps, and commands look for them, where no other process does."""

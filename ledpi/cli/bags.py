@@ -29,19 +29,19 @@ def needs_bags() -> Iterator[None]:
 def export(
     take: Path = typer.Argument(metavar="TAKE", help="A recording."),
     out: Path = typer.Argument(metavar="OUT", help="The bag (.mcap) or log (.wpilog): a new file."),
-    wpilog: bool = typer.Option(False, "--wpilog", help="WPILib's data log, of poses alone, for AdvantageScope."),
+    wpilog: bool = typer.Option(False, "--wpilog", help="Not needed if OUT ends in .wpilog."),
     config: Path | None = CONFIG,
     set_: list[str] = SET,
 ) -> None:
     """A recording as an MCAP bag, with what was read and where.
 
     The bag holds ROS 2 messages with their types: pictures, lens, poses with covariance, TF, detections. `ros2 bag
-    play`, Foxglove and PlotJuggler open it. `ledpi import` turns it back into the same recording. With --wpilog the
-    file is a log of what the NetworkTables bridge would have published.
+    play`, Foxglove and PlotJuggler open it. `ledpi import` turns it back into the same recording. An OUT that ends in
+    .wpilog is WPILib's data log, for AdvantageScope: poses alone, as the NetworkTables bridge would have published.
 
     Example: ledpi export takes/kitchen kitchen.mcap
     """
-    if wpilog:
+    if wpilog or out.suffix == ".wpilog":
         from ledpi.links.bags.wpilog import export_wpilog as exported
     else:
         with needs_bags():

@@ -28,6 +28,7 @@ MIN_FRAMES = 8  # frames, less than which are not worth keeping
 SIDE_SHARE = 1 / 8  # of the memory, at least, is for results
 # A disk may pause for a second; of large pictures there are fewer, as a service's memory is limited.
 MAX_FRAMES, MAX_BYTES, MIN_QUEUED = 64, 24_000_000, 4
+MOST_MISSED = 10_000  # lines: a minute's
 
 
 class KeptFrame(NamedTuple):
@@ -179,7 +180,8 @@ class RecordQueue(FrameBuffers):
         self.dropped = 0  # frames that found no room
         self._waiting: queue.SimpleQueue[KeptFrame | None] = queue.SimpleQueue()
         self._last: Frame | None = None  # that came
-        self._missed: tuple[str, ...] = ()  # the diary's lines of frames that found no room: the next one has them
+        # The diary's lines of frames that found no room: the next one has them. A disk may hang for hours.
+        self._missed: deque[str] = deque(maxlen=MOST_MISSED)
         self._is_closed = False
 
     def _slot_for(self, frame: Frame, decoded: Decoded) -> int | None:
@@ -190,12 +192,13 @@ class RecordQueue(FrameBuffers):
             slot = self._free.pop() if self._free and not self._is_closed else None
             if slot is None and not self._is_closed:
                 self.dropped += 1
-                self._missed += decoded.diary
+                self._missed.extend(decoded.diary)
         return slot
 
     def _put(self, kept: KeptFrame) -> None:
         if not self._is_closed:
-            diary, self._missed = self._missed + kept.decoded.diary, ()
+            diary = (*self._missed, *kept.decoded.diary)
+            self._missed.clear()
             self._waiting.put(kept._replace(decoded=replace(kept.decoded, diary=diary)))
 
     def next(self, until_s: float) -> KeptFrame | None:

@@ -26,13 +26,17 @@ from ledpi.wire.diary import Entry, Frame, Look, line_of, seen
 from ledpi.wire.keeper import FAILED, Asked, Heard, Input, Keeper, Told
 from ledpi.wire.mavlink import Resets, load_dialect
 from ledpi.wire.mavlink_heard import AutopilotReceiver
-from ledpi.wire.state_message import StateMessage, state_message
+from ledpi.wire.state_message import U32, OdometryMessage, StateMessage, state_message
 
 MOST_LINES = 10_000  # of the diary that wait for a frame: a camera that is lost for a minute
 LOOK_S = 0.05  # inputs wait no longer
+# Between two messages of odometry that are used: twice as many as are asked for. A board on USB may send thousands a
+# second, and more than the estimator takes: no state would ever be told.
+LEAST_US = 5000
 DAMAGED = Rejected(stage="line", reason="damaged")
 NO_SENSE = Rejected(stage="line", reason="no_sense")
 UNKNOWN = Rejected(stage="line", reason="unknown")
+TOO_OFTEN = Rejected(stage="state", reason="too_often")
 DIARY_FULL = Rejected(stage="state", reason="diary_full")
 OUT_OF_RANGE = Rejected(stage="state", reason="out_of_range")
 
@@ -64,7 +68,8 @@ class RobotState:
         self._period_ns = round(1e9 / config.state_hz)
         self._mavlink_system = config.serial.mavlink_system if config.serial.protocol == "mavlink" else None
         self._receiver = self._new_receiver()
-        self._waiting: deque[tuple[Input, Entry]] = deque()  # as it is taken, and as the diary has it
+        self._waiting: deque[tuple[Input, Entry]] = deque(maxlen=MOST_LINES)  # as it is taken, and as the diary has it
+        self._used_us: dict[tuple[bool, ...], int] = {}  # the last odometry's time on its clock, by what it tells
         self._diary: deque[str] = deque(maxlen=MOST_LINES)
         self._noted: tuple[Event, ...] = ()
         self._has_failed = False
@@ -80,7 +85,18 @@ class RobotState:
 
     def tell_odometry(self, odometry: Odometry) -> None:
         """Takes that of a program."""
-        self._put(Told(odometry, time.monotonic_ns()))
+        if not self._is_too_often(odometry, odometry.t_ns // 1000, odometry.totals):
+            self._put(Told(odometry, time.monotonic_ns()))
+
+    def _is_too_often(self, said: Odometry | OdometryMessage, at_us: int, totals: tuple[float | None, ...]) -> bool:
+        """Tells whether it can be left out, and counts it: the next one's totals say what it says."""
+        tells = (*(total is None for total in totals), said.lifted)
+        before_us = self._used_us.get(tells)
+        if before_us is not None and (at_us - before_us & U32) < LEAST_US and not (said.restarted or said.slipping):
+            self._reject(TOO_OFTEN)
+            return True
+        self._used_us[tells] = at_us
+        return False
 
     def _put(self, what: Heard | Asked | Told) -> None:
         self._waiting.append((what, what))
@@ -101,6 +117,8 @@ class RobotState:
         """Bytes of the controller have just come."""
         before = self._receiver.counters
         for message in self._receiver.feed(data):
+            if isinstance(message, OdometryMessage) and self._is_too_often(message, message.clock_us, message.totals):
+                continue
             self._put(Heard(message, now_ns))
         now = self._receiver.counters
         if now.bad != before.bad or now.skipped != before.skipped:

@@ -64,7 +64,7 @@ class Controller:
         return self.clock.add(trip)
 
     def _odometry(self, said: OdometryMessage, now_ns: int) -> Odometry | Rejected:
-        self._unwrap((said.left_100um, said.right_100um, said.yaw_100urad), said.restarted)
+        self._unwrap(said.totals, said.restarted)
         t_ns = self.clock.to_ns(said.clock_us, now_ns)
         if isinstance(t_ns, Rejected):
             return t_ns

@@ -159,6 +159,8 @@ class Outbox:
         """By when a message's first byte must leave, so that its age is true and not too old; None: at any time."""
         if isinstance(message, TimeAsk | SyncAnswer):
             return first_byte_ns + AGE_SLACK_NS
+        if isinstance(message, StateMessage) and message.clock_us is None and message.t_ns is not None:
+            return message.t_ns + self._max_age_ns  # else its receiver sees how old it is
         if not isinstance(message, MarkerMessage | FixMessage):
             return None
         return first_byte_ns + min(AGE_SLACK_NS, self._max_age_ns - 1000 * message.age_us)

@@ -91,11 +91,16 @@ class OdometryMessage:
 
     def __post_init__(self) -> None:
         check_range("clock_us", self.clock_us, U32)
-        for total in (self.left_100um, self.right_100um, self.yaw_100urad):
+        for total in self.totals:
             if total is not None and abs(total) > TOTAL_MAX:
                 raise WireError(f"a total must be within ±{TOTAL_MAX}, not {total}")
         if (self.left_100um is None) != (self.right_100um is None):
             raise WireError("odometry of one wheel")
+
+    @property
+    def totals(self) -> tuple[int | None, int | None, int | None]:
+        """Returns all three, as they are said."""
+        return self.left_100um, self.right_100um, self.yaw_100urad
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

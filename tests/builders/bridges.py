@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+from ledpi.links.target import Target, TargetLostError
 from tests.builders import ROOT
 from tests.builders.certificates import certificates
 from tests.builders.waiting import limit_s, wait_until
@@ -78,6 +79,15 @@ def free_port(kind: int = socket.SOCK_STREAM) -> int:
         with socket.socket(socket.AF_INET, kind) as probe, suppress(OSError):
             probe.bind(("127.0.0.1", random.SystemRandom().randrange(20_000, 32_768)))
             return int(probe.getsockname()[1])
+
+
+def is_open(target: Target) -> bool:
+    """Tells whether the far end answers by now."""
+    try:
+        target.open()
+    except TargetLostError:
+        return False
+    return True
 
 
 class Udp(Far):

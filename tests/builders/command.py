@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from ledpi.cli import main
 from tests.builders import ROOT
@@ -43,6 +45,14 @@ def ledpi(
     """Runs it in a process of its own, where what only a whole process has is tested."""
     command, options = [*LEDPI, *map(str, arguments)], {"env": os.environ | {"PYTHONPATH": str(ROOT)}} | options
     return subprocess.run(command, cwd=cwd, capture_output=capture_output, text=True, timeout=limit_s(30), **options)
+
+
+def output_of(app: typer.Typer, *arguments: str) -> str:
+    """Standard output of a command in this process; a LedpiError comes through, as `main` prints it."""
+    result = CliRunner().invoke(app, arguments)
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout
 
 
 def complaint(run: tuple[int, str, str]) -> str:

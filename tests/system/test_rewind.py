@@ -41,13 +41,6 @@ from tests.builders.waiting import limit_s, wait_until
 AS_LIVE = pytest.mark.alone
 
 
-@pytest.fixture
-def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder that a daemon of this test writes to."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return tmp_path / "state" / "ledpi" / "takes"
-
-
 def whole(takes: Path) -> list[Path]:
     """The recordings that are done."""
     return sorted(p for p in takes.glob("2*") if p.suffix != ".part") if takes.exists() else []

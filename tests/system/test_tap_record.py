@@ -29,13 +29,6 @@ OFF = "rewind.seconds=0"
 NO_ROOM = r"the disk has \d+ MB left; \d+ MB are needed: make room on it"
 
 
-@pytest.fixture
-def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder that a daemon of this test writes to."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return tmp_path / "state" / "ledpi" / "takes"
-
-
 def decoded_again(take: Path) -> list[dict[str, Any]]:
     """By `ledpi decode --as-live`."""
     done = ledpi("decode", "--as-live", take)

@@ -17,12 +17,10 @@ from ledpi.daemon.tap.protocol import AT_ONCE, NAMED, Do, Request, error
 Command: TypeAlias = Callable[[Request], dict[str, Any]]
 
 MAY = "root, the daemon's own user and members of the group ledpi may"
+_STARTING = "the daemon is starting or ending; ask again later"
 _OFF: dict[Do, str] = {
     "save": "rewind is off: nothing is kept that could be saved",
-    "record": "the daemon is starting or ending; ask again later",
-    "record_stop": "nothing is being recorded",
     "odometry": "the daemon takes none; set odometry.source: tap",
-    **dict.fromkeys(("takes", "take", "take_delete", "reload"), "the daemon is starting or ending; ask again later"),
 }
 _BUSY: dict[Do, str] = {
     "save": "the last one is not done yet; ask again later",
@@ -65,8 +63,10 @@ class Commands:
         do, command = request.do, self._offered.get(request.do)
         if not follower.may_command:
             return error(f"{do}: not permitted; {MAY}", request.id)
+        if not self._offered:  # between two daemons, as of a reload
+            return error(f"{do}: {_STARTING}", request.id, again=True)
         if command is None:
-            return error(f"{do}: {_OFF[do]}", request.id)
+            return error(f"{do}: {_OFF.get(do, _STARTING)}", request.id)
         if do in AT_ONCE:
             return {"type": "done", "id": request.id, **command(request)}
         if do in self._running:

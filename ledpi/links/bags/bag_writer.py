@@ -32,6 +32,7 @@ from ledpi.daemon.tap.messages import decoded as decoded_line
 from ledpi.links.bags.contents import CAMERA_FRAME, CAMERA_INFO, DECODED, FRAME, IMAGE, METADATA, TRUTH
 from ledpi.links.ros.contents import STRING, Message, Names, camera_info_message, frame_messages, image_message
 from ledpi.links.ros.types import definition, to_cdr
+from ledpi.wire.diary import DIARY_FILE
 
 CHUNK_BYTES = 1 << 18  # one or two frames
 PROFILE = "ros2"
@@ -126,13 +127,14 @@ class BagWriter:
         panel: PanelSpec,
         note: str = "",
         header: str | None = None,
+        diary: str | None = None,
     ) -> None:
-        """`header`: recording.yaml, where there is one already."""
+        """`header`, `diary`: recording.yaml and controller.jsonl, where there is one already."""
         self._mcap = McapWriter(path)
         self._camera = camera
-        self._words: dict[str, str] = {}
+        self._words = {} if diary is None else {DIARY_FILE: diary}
         if is_file(dictionary):  # a bag, too, holds all that it takes to read it
-            self._words = {Path(dictionary).name: Path(dictionary).read_text(encoding="utf-8")}
+            self._words[Path(dictionary).name] = Path(dictionary).read_text(encoding="utf-8")
             dictionary = Path(dictionary).name
         self._side_m = panel.side_m
         self._header, self._note, self._header_text = header_of(camera, dictionary, panel), note, header

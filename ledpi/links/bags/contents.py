@@ -26,7 +26,7 @@ IMAGE = "/camera/image_raw/compressed"
 CAMERA_INFO = "/camera/camera_info"
 # std_msgs/String: a line of frames.jsonl, of truth.jsonl, and what the tap tells of each frame.
 FRAME, TRUTH, DECODED = "/ledpi/frame", "/ledpi/truth", "/ledpi/decoded"
-METADATA = "ledpi.recording"  # the bag's metadata of this name holds recording.yaml, and a dictionary's file
+METADATA = "ledpi.recording"  # the bag's metadata of this name: recording.yaml, controller.jsonl, a dictionary's file
 CAMERA_FRAME = "camera_optical_frame"
 # Encodings of ROS's camera drivers: bytes a pixel, and where the luma is in them.
 _IN_PLACE = {

@@ -32,6 +32,7 @@ from ledpi.links.bags.own import restore_recording
 from ledpi.links.bags.reading import Item, messages
 from ledpi.links.bags.replay import Replay, Warn
 from ledpi.links.ros.contents import CAMERA_INFO, COMPRESSED_IMAGE
+from ledpi.wire.diary import DIARY_FILE
 
 IMAGES = {"sensor_msgs/msg/Image", COMPRESSED_IMAGE}
 
@@ -126,7 +127,7 @@ def export_bag(replay: Replay, out: Path, warn: Warn) -> Iterator[None]:
     """Writes it, and yields after each frame. Raises LedpiError; where the disk is full, nothing is left of it."""
     recording = replay.recording
     lines, truth = (_lines(recording.folder / name) for name in (FRAMES_FILE, TRUTH_FILE))
-    offset_ns = recording.wall_clock_offset_ns
+    offset_ns, diary = recording.wall_clock_offset_ns, recording.folder / DIARY_FILE
     if offset_ns is None:
         warn(f"{recording.folder}: {NO_CLOCK}")
     with (
@@ -137,6 +138,7 @@ def export_bag(replay: Replay, out: Path, warn: Warn) -> Iterator[None]:
             dictionary=recording.dictionary,
             panel=recording.panel,
             header=read_text(recording.folder / HEADER_FILE, RecordingError),
+            diary=read_text(diary, RecordingError, MAX_LINES_BYTES) if diary.exists() else None,
         ) as bag,
     ):
         for entry, frame, decoded in replay.frames(warn):
@@ -152,7 +154,7 @@ def _lines(path: Path) -> dict[int, str]:
     if not path.exists():
         return {}
     found = {}
-    for text in read_text(path, RecordingError, MAX_LINES_BYTES).splitlines():
+    for text in read_text(path, RecordingError, MAX_LINES_BYTES).split("\n"):
         try:
             found[int(json.loads(text)["seq"])] = text
         except ValueError:

@@ -21,6 +21,7 @@ from ledpi.core.files import not_written, parse_json, writing
 from ledpi.links.bags.contents import FRAME, IMAGE, METADATA, TRUTH, Compressed, Text, checked
 from ledpi.links.bags.reading import Item
 from ledpi.links.ros.contents import COMPRESSED_IMAGE
+from ledpi.wire.diary import DIARY_FILE
 
 Line = TypeVar("Line", FrameLine, TruthLine)
 
@@ -64,8 +65,8 @@ def _begin(out: Path, words: dict[str, str], path: Path) -> None:
 
 
 def _is_name(name: str) -> bool:
-    """Tells whether it names a file in a folder: of its own there are only a header and a dictionary."""
-    return name == HEADER_FILE or (Path(name).name == name and is_file(name) and name.isprintable())
+    """Tells whether it names a file in a folder: of its own there are a header, a diary and a dictionary."""
+    return name in (HEADER_FILE, DIARY_FILE) or (Path(name).name == name and is_file(name) and name.isprintable())
 
 
 def _inside(out: Path, name: str, path: Path) -> Path:

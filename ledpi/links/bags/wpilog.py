@@ -79,8 +79,10 @@ def _begin(log: WpilogWriter, at_us: int, offset_ns: int | None) -> None:
 
 
 def _record(number: int, at_us: int, payload: bytes) -> bytes:
-    """Each number in as few bytes as it takes; the first byte says in how many."""
-    parts = [_shortest(value) for value in (number, len(payload), at_us)]
+    """Each number in as few bytes as it takes; the first byte says in how many. No time is before the clock's zero,
+    where a recording may begin: its first rows were exposed before that.
+    """
+    parts = [_shortest(value) for value in (number, len(payload), max(at_us, 0))]
     sizes = sum(len(part) - 1 << shift for part, shift in zip(parts, (0, 2, 4), strict=True))
     return bytes([sizes]) + b"".join(parts) + payload
 

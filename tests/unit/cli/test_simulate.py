@@ -18,12 +18,7 @@ from ledpi.core.errors import LedpiError
 ROOT = Path(__file__).parents[3]
 APP = typer.Typer()
 APP.command()(simulate)
-
-
-@pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No config.yaml in the working directory."""
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
 def run(*arguments: str) -> int:

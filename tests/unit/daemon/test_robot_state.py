@@ -72,6 +72,17 @@ def test_what_a_controller_sends_wrong_is_counted_and_nothing_else() -> None:
     assert {now.message.map_resets for now in told} == {7}
 
 
+def test_of_a_controller_that_floods_no_more_is_taken_than_is_of_use() -> None:
+    """A thousand messages a second: one in 5 ms. One that says what the next one cannot is taken in any case."""
+    rejected = Counter[str]()
+    robot = Robot(base_link_from_camera=SEAT, panels=room())
+    state = RobotState(CONFIG, robot, 0, lambda now: None, lambda why: rejected.update([why.key]))
+    stream = b"".join(odometry(1000 * n - 500_000 & 0xFFFFFFFF, n) for n in range(1000))  # its clock wraps
+    slipped = OdometryMessage(clock_us=499_500, left_100um=0, right_100um=0, yaw_100urad=0, slipping=True)
+    state.heard(b"\0" + stream + encode(slipped, 1), 20_000_000)
+    assert rejected == {"state.too_often": 800}
+
+
 def test_a_failure_of_the_estimator_begins_it_anew(caplog: pytest.LogCaptureFixture) -> None:
     """A look whose numbers overflow, twice, and a listener that fails: all are counted, the journal has the first.
 

@@ -6,10 +6,10 @@ import csv
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from evaluation.suites import plan as plan_module
 from evaluation.suites import units as units_module
@@ -23,8 +23,10 @@ from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError, LedpiError
 from ledpi.workshop.evaluate.page import source_digest
+from tests.builders.command import output_of
 
 SMALL = ("--suite", "paper", "--distance", "1", "--exposure-us", "10000", "--frames", "3")
+run = partial(output_of, app)
 
 
 @pytest.fixture(autouse=True)
@@ -32,14 +34,6 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Results go to an empty working directory; units are so small that even a short run has several."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(plan_module, "TAKES_A_UNIT", 1)
-
-
-def run(*arguments: str) -> str:
-    """Standard output; a LedpiError comes through, as `main` prints it."""
-    result = CliRunner().invoke(app, arguments)
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout
 
 
 def table(folder: str) -> list[dict[str, str]]:

@@ -6,11 +6,11 @@ import itertools
 import json
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from evaluation.accuracy.bound import Bound, bound_of
 from evaluation.suites.__main__ import app
@@ -24,19 +24,13 @@ from ledpi.camera.simulate.render import scene_truth
 from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
 from ledpi.core.records import Frame
+from tests.builders.command import output_of
 
 pytest.importorskip("scipy", reason="scipy is not installed (extra: suites)")
 
 PANELS = PanelSettings(side_m=0.16)
 TAKES = range(64)
-
-
-def run(*arguments: str) -> str:
-    """Standard output; a LedpiError comes through, as `main` prints it."""
-    result = CliRunner().invoke(app, arguments)
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout
+run = partial(output_of, app)
 
 
 @pytest.fixture(scope="module")

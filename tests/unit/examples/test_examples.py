@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import os
+import select
 import sys
+import time
 import tty
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, field, make_dataclass, replace
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
 
-from examples.linux_robot import Guard, Narrator
+from examples.linux_robot import Guard, Narrator, heard
 from examples.linux_robot import main as linux_main
 from examples.ros2_node import UNKNOWN_VARIANCE, pose_fields
 from examples.ros2_node import main as ros2_main
+from examples.tap_robot import Wheels, drive, go_through
+from ledpi import connect_tap
+from ledpi.daemon.tap.protocol import Request
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
 from ledpi.wire.codec import encode
+from tests.builders.tap import tap_at
 
 POSE = WirePose(
     position_m=(1.0, 2.0, 0.0), quaternion_wxyz=(0.8, 0.0, 0.0, 0.6), deviation_m=(0.1, 0.2, 0.3), deviation_rad=None
@@ -33,7 +40,9 @@ def test_a_robot_drives_on_a_young_fix_only() -> None:
     assert [guard.may_drive(t) for t in (10.0, 10.27, 10.29)] == [True, True, False]
 
 
-@pytest.mark.parametrize(("name", "start"), [("linux_robot.py", linux_main), ("ros2_node.py", ros2_main)])
+@pytest.mark.parametrize(
+    ("name", "start"), [("examples/linux_robot.py", linux_main), ("-m examples.ros2_node", ros2_main)]
+)
 def test_an_example_without_a_port_says_how_it_is_called(
     name: str, start: Callable[[], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -41,7 +50,7 @@ def test_an_example_without_a_port_says_how_it_is_called(
     monkeypatch.setattr(sys, "argv", [name])
     with pytest.raises(SystemExit, match="2"):
         start()
-    assert f"usage: python examples/{name} PORT" in capsys.readouterr().err
+    assert f"usage: python {name} PORT" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("port", ["/dev/nope", __file__])
@@ -74,11 +83,50 @@ def test_the_robot_says_why_it_stands_and_no_more_than_a_person_can_read() -> No
     assert [said for said in turns if said] == 3 * ["drive at 1.000 2.000 m"]
 
 
+def test_what_piled_up_while_nobody_read_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that was held up for four seconds finds fixes in the port's buffer that say they are 20 ms old."""
+    now_s = iter([0.0, 0.02, 4.02, 4.04])
+    monkeypatch.setattr("examples.linux_robot.time", SimpleNamespace(monotonic=lambda: next(now_s)))
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    turns = heard(os.ttyname(slave))
+    found = []
+    for number in range(4):
+        os.write(master, b"\0" + encode(FIX, number))
+        select.select([slave], [], [])
+        found.append(len(next(turns)[0]))
+    assert found == [0, 1, 0, 1]
+
+
 def test_a_stream_that_stops_is_a_reason_too() -> None:
     """The last status spoke of a fix, and nothing came since."""
     guard = Guard()
     guard.take(StatusMessage(state=State.RUNNING, no_fix=NoFix.NONE), 0.0)
     assert guard.why_not() == "no fix for 0.3 s"
+
+
+def test_a_robot_on_the_tap_outlives_a_reload(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Between two daemons nobody takes its odometry: it stands, and goes on with the next one."""
+
+    def take(request: Request) -> dict[str, str]:
+        state = {"type": "robot_state", "mode": "odometry", "contested": False, "t_ns": time.monotonic_ns()}
+        tap.tell_state(state)
+        return {}
+
+    class Asked(Wheels):
+        """Until it was asked three times there is no daemon."""
+
+        times = 0
+
+        def totals(self) -> dict[str, float]:
+            self.times += 1
+            if self.times == 3:
+                tap.offer("odometry", take)
+            return super().totals()
+
+    with tap_at(tmp_path / "tap.sock") as tap, connect_tap(tap.path) as client:
+        drive(client, Asked(), go_through([]))
+    assert capsys.readouterr().out.endswith("there\n0.000 m/s, 0.000 rad/s\n")
 
 
 def test_a_fix_becomes_a_ros_pose() -> None:
@@ -89,58 +137,21 @@ def test_a_fix_becomes_a_ros_pose() -> None:
     assert fields.orientation_xyzw == (0.0, 0.0, 0.6, 0.8)
     assert fields.covariance[::7] == pytest.approx([0.01, 0.04, 0.09, *[UNKNOWN_VARIANCE] * 3])
     assert sum(value != 0.0 for value in fields.covariance) == 6
-
-
-def test_unknown_deviations_of_the_place_have_no_weight() -> None:
-    """As those of the rotation."""
     assert pose_fields(replace(POSE, deviation_m=None), 0, 0).covariance[::7] == [UNKNOWN_VARIANCE] * 6
 
 
-@dataclass(slots=True)
-class Xyzw:
-    """geometry_msgs' Point and Quaternion: rclpy's own refuse another name, and what is no float."""
-
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    w: float = 0.0
+def stand_in(name: str, **fields: type) -> Any:
+    """A message's class, each field begun by its type: as rclpy's own it refuses another name."""
+    return make_dataclass(name, [(key, Any, field(default_factory=of)) for key, of in fields.items()], slots=True)
 
 
-@dataclass(slots=True)
-class Pose:
-    position: Xyzw = field(default_factory=Xyzw)
-    orientation: Xyzw = field(default_factory=Xyzw)
-
-
-@dataclass(slots=True)
-class PoseWithCovariance:
-    pose: Pose = field(default_factory=Pose)
-    covariance: list[float] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class Header:
-    stamp: Any = None
-    frame_id: str = ""
-
-
-@dataclass(slots=True)
-class PoseWithCovarianceStamped:
-    header: Header = field(default_factory=Header)
-    pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
-
-
-@dataclass(slots=True)
-class Transform:
-    translation: Xyzw = field(default_factory=Xyzw)
-    rotation: Xyzw = field(default_factory=Xyzw)
-
-
-@dataclass(slots=True)
-class TransformStamped:
-    header: Header = field(default_factory=Header)
-    child_frame_id: str = ""
-    transform: Transform = field(default_factory=Transform)
+Xyzw = stand_in("Xyzw", x=float, y=float, z=float, w=float)  # Point, Vector3 and Quaternion
+Pose = stand_in("Pose", position=Xyzw, orientation=Xyzw)
+PoseWithCovariance = stand_in("PoseWithCovariance", pose=Pose, covariance=list)
+Header = stand_in("Header", stamp=int, frame_id=str)
+PoseWithCovarianceStamped = stand_in("PoseWithCovarianceStamped", header=Header, pose=PoseWithCovariance)
+Transform = stand_in("Transform", translation=Xyzw, rotation=Xyzw)
+TransformStamped = stand_in("TransformStamped", header=Header, child_frame_id=str, transform=Transform)
 
 
 Published = list[tuple[str, Any]]  # topic, message

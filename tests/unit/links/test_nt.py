@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import struct
 import time
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from ledpi.config.outputs import OutputSettings
-from ledpi.links.target import TargetLostError
+from tests.builders.bridges import free_port, is_open
 from tests.builders.waiting import wait_until
 
 COVARIANCE = np.diag([0.0001, 0.0004, 0.0009]).ravel().tolist()
@@ -21,10 +20,7 @@ def test_the_state_is_a_pose_of_wpilib_and_as_old_as_it_says() -> None:
     ntcore = pytest.importorskip("ntcore", reason="pyntcore is not installed (no wheel for this Python or machine)")
     from ledpi.links.nt import NtTarget
 
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    server = ntcore.NetworkTableInstance.create()
+    port, server = free_port(), ntcore.NetworkTableInstance.create()
     server.startServer("", "127.0.0.1", 0, port)
     table = "/ledpi/robot_state"
     pose = server.getRawTopic(f"{table}/pose").subscribe("struct:Pose2d", b"")
@@ -33,15 +29,7 @@ def test_the_state_is_a_pose_of_wpilib_and_as_old_as_it_says() -> None:
         server.getStringTopic(f"{table}/mode").subscribe(""),
     )
     target = NtTarget(OutputSettings(kind="nt", host="127.0.0.1", port=port))
-
-    def is_open() -> bool:
-        try:
-            target.open()
-        except TargetLostError:
-            return False
-        return True
-
-    wait_until(is_open)
+    wait_until(lambda: is_open(target))
     now_ns = time.monotonic_ns()
     state = {"t_ns": now_ns - 40_000_000, "mode": "odometry", "position_m": [1.0, -2.0], "yaw_rad": 0.5}
     target.send_robot(state | {"covariance": COVARIANCE}, now_ns)

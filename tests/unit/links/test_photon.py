@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import struct
 import subprocess
 import threading
@@ -13,7 +12,7 @@ import pytest
 
 from ledpi.config.outputs import OutputSettings
 from ledpi.links.photon import MESSAGE, mount_of, packet
-from ledpi.links.target import Target, TargetLostError
+from tests.builders.bridges import free_port, is_open
 from tests.builders.environments import environment, installer, run
 from tests.builders.made_up_daemon import HELLO, PANEL, decoded
 from tests.builders.waiting import wait_until
@@ -103,16 +102,14 @@ def test_photonlib_takes_it_and_warns_of_nothing(tmp_path: Path) -> None:
     run(*installer(programs), "photonlibpy==2026.3.4")
     from ledpi.links.nt import NtTarget
 
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     command = [programs / "python", "-c", PROGRAM, str(port)]
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     with subprocess.Popen(command, text=True, **pipes) as program:
         assert program.stdout is not None
         program.stdout.readline()
         target = NtTarget(OutputSettings(kind="nt", host="127.0.0.1", port=port, photon_camera="ledpi"))
-        wait_until(lambda: opened(target))
+        wait_until(lambda: is_open(target))
         target.tell_setup(HELLO | MOUNT)
         said = threading.Thread(target=lambda: lines.append(program.stdout.readline()))  # type: ignore[union-attr]
         lines: list[str] = []
@@ -125,12 +122,3 @@ def test_photonlib_takes_it_and_warns_of_nothing(tmp_path: Path) -> None:
         target.close()
     assert json.loads(lines[0]) == [[7, 11], *map(pytest.approx, (1.0, 1.8, 0.3))]
     assert warned == ""
-
-
-def opened(target: Target) -> bool:
-    """Tells whether the server answers by now."""
-    try:
-        target.open()
-    except TargetLostError:
-        return False
-    return True

@@ -180,8 +180,11 @@ def test_a_fix_that_was_put_back_is_none_that_was_sent() -> None:
 
 
 def test_a_message_is_true_for_a_millisecond_and_until_it_is_too_old() -> None:
-    """A status has no age."""
+    """A status has no age, and a state with the controller's time says its own."""
     outbox = outbox_with_status_sent()
+    state = StateMessage(mode=Mode.NONE, t_ns=3 * MS)
+    assert outbox.latest_ns(state, 5 * MS) == 103 * MS
+    assert outbox.latest_ns(replace(state, clock_us=1), 5 * MS) is None
     outbox.put(frame(7, at_ns=0))
     young = outbox.take(5 * MS)
     outbox.put_back()

@@ -53,6 +53,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_recording(folder, FRAMES)
     with (folder / "recording.yaml").open("a", encoding="utf-8") as file:
         file.write("wall_clock_offset_ns: 1790000000123456789\n")
+    (folder / "controller.jsonl").write_text('{"asked_ns": 1, "number": 1}\n', encoding="utf-8")
     return folder
 
 
@@ -147,7 +148,7 @@ def test_a_recording_comes_back_as_it_was(bag: Path, take: Path, tmp_path: Path)
     done = ledpi("import", bag, tmp_path / "back")
     assert (done.returncode, done.stderr) == (0, "")
     names = [str(path.relative_to(take)) for path in take.rglob("*") if path.is_file()]
-    assert len(names) == FRAMES + 2
+    assert len(names) == FRAMES + 3
     assert filecmp.cmpfiles(take, tmp_path / "back", names, shallow=False) == (names, [], [])
 
 

@@ -16,6 +16,7 @@ from wpiutil.log import DataLogReader, DataLogRecord
 
 from ledpi.camera.simulate.scenes import drive_map
 from ledpi.config.map_yaml import map_text
+from ledpi.links.bags.wpilog import WpilogWriter
 from tests.builders.command import ledpi
 from tests.builders.daemon import write_recording
 
@@ -44,7 +45,7 @@ def map_file(take: Path) -> Path:
 def log(take: Path, map_file: Path) -> dict[str, list[Any]]:
     """Values by entry; each is (the entry's type, time in µs, value)."""
     out = take.parent / "take.wpilog"
-    done = ledpi("export", take, out, "--wpilog", "--set", f"map={map_file}")
+    done = ledpi("export", take, out, "--set", f"map={map_file}")
     assert done.returncode == 0, done.stderr
     reader = DataLogReader(str(out))
     assert reader.isValid()
@@ -132,3 +133,11 @@ def test_the_time_of_day_is_noted(log: dict[str, list[Any]], wanted: list[dict[s
     assert kind == "int64"
     assert unix_us - at_us == OFFSET_NS // 1000
     assert at_us == wanted[0]["sensor_timestamp_ns"] // 1000
+
+
+def test_what_was_exposed_before_the_clocks_zero_is_at_zero(tmp_path: Path) -> None:
+    """A video begins at 0, when the first picture's rows had been exposed already."""
+    path = tmp_path / "early.wpilog"
+    with path.open("wb") as file:
+        WpilogWriter(file).add("early", "int64", struct.pack("<q", 7), -5)
+    assert [record.getTimestamp() for record in DataLogReader(str(path))] == [0, 0]

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import csv
 import os
+from functools import partial
 from pathlib import Path
 
 import pytest
 import typer
 import yaml
-from typer.testing import CliRunner
 
 from ledpi.cli.evaluate import evaluate
 from ledpi.cli.simulate import simulate
 from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.core.errors import CalibrationError, ConfigError, LedpiError, RecordingError
 from ledpi.core.records import Intrinsics
+from tests.builders.command import output_of
 
 APP = typer.Typer()
 APP.command()(evaluate)
@@ -23,20 +24,8 @@ APP.command()(simulate)
 
 LENS_KEYS = ("fx", "fy", "cx", "cy", "distortion")
 ANTIPHASE = ("--set", "panels.phase=antiphase", "--set", "panels.white_hz=1250")
-
-
-@pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Results go to an empty working directory."""
-    monkeypatch.chdir(tmp_path)
-
-
-def run(command: str, *arguments: str) -> str:
-    """Standard output; a LedpiError comes through, as `main` prints it."""
-    result = CliRunner().invoke(APP, [command, *arguments])
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout
+pytestmark = pytest.mark.usefixtures("elsewhere")
+run = partial(output_of, APP)
 
 
 def table(folder: str) -> list[dict[str, str]]:

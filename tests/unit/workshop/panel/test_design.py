@@ -45,6 +45,7 @@ from tests.builders.samples import observed
 assert panel_design, main  # the import puts the command into `app`
 TRUE_10_MS_US = whole_rows_us(10_000.0, OV5647_ROW_TIME_US)
 DICTIONARY = load_dictionary("DICT_4X4_50")
+pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
 def sensor(exposure_us: float = TRUE_10_MS_US, rows: int = 504) -> SimulatedSensor:
@@ -82,12 +83,6 @@ def run(*arguments: str) -> tuple[int, str]:
     if isinstance(result.exception, ConfigError):
         raise result.exception
     return result.exit_code, result.stdout
-
-
-@pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No config.yaml in the working directory."""
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel
 from ledpi.core.dictionaries import load_dictionary
@@ -15,23 +15,12 @@ from ledpi.core.errors import LedpiError
 from ledpi.core.records import PanelSpec
 from ledpi.workshop.panel.firmware import Build, missing_tools, plan_firmware, settings_text
 from tests.builders import ROOT
+from tests.builders.command import output_of
 
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 assert panel, main  # the import puts the command into `app`
-
-
-@pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No config.yaml in the working directory."""
-    monkeypatch.chdir(tmp_path)
-
-
-def run(*arguments: str) -> str:
-    """Standard output; a LedpiError comes through, as `main` prints it."""
-    result = CliRunner().invoke(app, ["panel", "firmware", *arguments])
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout
+pytestmark = pytest.mark.usefixtures("elsewhere")
+run = partial(output_of, app, "panel", "firmware")
 
 
 def defined(settings: str, name: str) -> str:

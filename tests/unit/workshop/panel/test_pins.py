@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel, panel_design
 from ledpi.core.dictionaries import load_dictionary
@@ -17,24 +17,13 @@ from ledpi.workshop.panel.circuit import plan_pins
 from ledpi.workshop.panel.paper import Page
 from ledpi.workshop.panel.sheet import Sheet, sheet_pages
 from ledpi.workshop.panel.sheet_parts import pin_electrics, pin_parts
+from tests.builders.command import output_of
 
 assert panel_design, panel
 assert main  # the imports put the commands into `app`
 FRONT = ["D2 D3 D4 D5", "D6 D7 D8 D9", "D10 D11 D12 D13", "A0 A1 A2 A3"]
-
-
-def run(*arguments: str) -> str:
-    """Standard output; a LedpiError comes through, as `main` prints it."""
-    result = CliRunner().invoke(app, ["panel", *arguments])
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout
-
-
-@pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No config.yaml in the working directory."""
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("elsewhere")
+run = partial(output_of, app, "panel")
 
 
 def body() -> Body:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 import zlib
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel
 from ledpi.core.dictionaries import load_dictionary
@@ -20,24 +19,13 @@ from ledpi.workshop.panel.body import Body
 from ledpi.workshop.panel.circuit import Circuit, Lamps, next_e24, plan_circuit
 from ledpi.workshop.panel.paper import Page, write_pdf
 from ledpi.workshop.panel.sheet import Sheet, sheet_pages
+from tests.builders.command import output_of
 
 assert panel, main  # the import puts the command into `app`
 POINTS_PER_MM = 72 / 25.4
 WORD_7 = ["WWBB", "BWBB", "WWWW", "BBWB"]  # of DICT_4X4_50: 1100 / 0100 / 1111 / 0010
-
-
-def run(*arguments: str) -> str:
-    """Standard output; a LedpiError comes through, as `main` prints it."""
-    result = CliRunner().invoke(app, ["panel", "sheet", *arguments])
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout
-
-
-@pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No config.yaml in the working directory."""
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("elsewhere")
+run = partial(output_of, app, "panel", "sheet")
 
 
 def circuit(supply_v: float = 12.0, leds: int | None = None, current_a: float = 0.02) -> Circuit:
