@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import stat
 from pathlib import Path
 
 import typer
@@ -71,11 +72,15 @@ def restore(
     saved, main = unpack(read_bytes(path, ConfigError, MAX_BYTES), path), find_config(config) or Path("config.yaml")
     changed = to_write(saved, main, path)
     typer.echo(f"{path}: made {saved.made} by ledpi {saved.made_by}")
+    closed = [shlex.quote(str(to)) for to, file in changed if not file.mode & stat.S_IROTH and not to.exists()]
     for to, file in changed:
-        kept = write_keeping_old(to, file.content)
+        kept = write_keeping_old(to, file.content, mode=file.mode)
         typer.echo(one_line(f"{file.kind}: {to}" + (f"; the older one is {kept}" if kept is not None else "")))
     if not changed:
         typer.echo("Everything is there already.")
+    if closed and is_service(main):
+        names = " ".join(closed)
+        typer.echo(one_line(f"Next: sudo chgrp ledpi {names}; sudo chmod 640 {names}"))
     _tell_what_is_left(saved, main, rule_changed=any(file.kind == "udev rule" for _, file in changed))
 
 

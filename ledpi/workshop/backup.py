@@ -41,6 +41,7 @@ CONFIG, RULE = "configuration", "udev rule"
 # In the order in which they are put back: what names the others, last.
 KINDS = (LENS, MAP, DICTIONARY, CERTIFICATES, RULE, CONFIG)
 EXAMPLE = "config.example.yaml"  # of scripts/install
+_OWNER, _ANYBODY = 0o600, 0o666  # who reads and writes a file: at least, and at most, less the umask
 MOST_FILES = 64
 MAX_BYTES = 8 * MAX_TEXT_BYTES  # of all of them: unpacked, and packed
 # Unpacked piece by piece. Of bzip2 and LZMA zipfile unpacks 4 kB at once, which may be gigabytes.
@@ -57,6 +58,7 @@ class Kept(NamedTuple):
     kind: str
     path: str  # as the configuration writes it; of the configuration "", of another camera's and of a rule its name
     content: bytes
+    mode: int  # who may read and write it, as one with a token is its owner's
 
 
 class Backup(NamedTuple):
@@ -83,12 +85,16 @@ def collect(file: Path) -> list[Kept]:
         if mistakes := mistakes_in(each):
             raise ConfigError("; ".join(mistakes))
         name = "" if each == file else each.name
-        kept[CONFIG, name] = Kept(CONFIG, name, read_bytes(each, ConfigError))
+        kept[CONFIG, name] = _kept(CONFIG, name, each)
         for named in named_files(sections(each)):
             if _is_ours(at := meant(file, named.path), file):
-                kept[named.kind, named.path] = Kept(named.kind, named.path, read_bytes(at, ConfigError))
-    rules = [Kept(RULE, rule.name, read_bytes(rule, ConfigError)) for rule in sorted(RULES.glob("*-ledpi.rules"))]
+                kept[named.kind, named.path] = _kept(named.kind, named.path, at)
+    rules = [_kept(RULE, rule.name, rule) for rule in sorted(RULES.glob("*-ledpi.rules"))]
     return [*kept.values(), *[rule for rule in rules if foreign_line(rule.content) is None][-1:]]
+
+
+def _kept(kind: str, path: str, at: Path) -> Kept:
+    return Kept(kind, path, read_bytes(at, ConfigError), at.stat().st_mode & _ANYBODY | _OWNER)
 
 
 def left_out(file: Path, files: Sequence[Kept]) -> Iterator[str]:
@@ -142,7 +148,7 @@ def pack(files: Sequence[Kept], units: Sequence[str]) -> bytes:
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         for number, kept in enumerate(files):
             name = f"{number}-{Path(kept.path).name or OF_ONE_CAMERA}"
-            contents.append({"name": name, "kind": kept.kind, "path": kept.path})
+            contents.append({"name": name, "kind": kept.kind, "path": kept.path, "mode": f"{kept.mode:o}"})
             archive.writestr(name, kept.content)
         made = datetime.now(timezone.utc).isoformat(timespec="seconds")
         head = {"ledpi_backup": VERSION, "ledpi": __version__, "made": made, "units": [*units], "files": contents}
@@ -265,7 +271,8 @@ def _files(archive: zipfile.ZipFile, contents: list[dict[str, Any]]) -> Iterator
             raise ValueError
         if kind == CONFIG and path and not re.fullmatch(r"[A-Za-z0-9_-]{1,60}\.yaml", path):
             raise ValueError
-        kept = Kept(kind, path, _member(archive, one["name"]))
+        mode = int(one.get("mode", f"{_ANYBODY:o}"), 8)
+        kept = Kept(kind, path, _member(archive, one["name"]), mode & _ANYBODY | _OWNER)
         left -= len(kept.content)
         if left < 0:
             raise ValueError

@@ -98,7 +98,7 @@ def restore(file: Path, archive: bytes) -> list[str]:
             said.append(f"{to} is left as it is: only sudo ledpi restore writes it")
             continue
         own = _view(sections(to)).get("token") if kept.kind == backup.CONFIG and to.exists() else None
-        files.write_keeping_old(to, kept.content if own is None else _with_token(kept, own))
+        files.write_keeping_old(to, kept.content if own is None else _with_token(kept, own), mode=kept.mode)
         said.append(f"{kept.kind}: {to}")
     return said or ["everything is there already"]
 

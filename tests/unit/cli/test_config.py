@@ -235,6 +235,8 @@ def robot(here: Path, ledpi: Ledpi) -> Path:
     )
     (folder / "lens/camera.yaml").write_text(LENS)
     (folder / "markers.yaml").write_text(MAP)
+    (folder / "config.yaml").chmod(0o600)
+    (folder / "markers.yaml").chmod(0o755)
     (folder / "ca.pem").write_text(AUTHORITY)
     (folder / "b.password").write_text("secret")
     (folder / "b.password").chmod(0o600)
@@ -244,13 +246,17 @@ def robot(here: Path, ledpi: Ledpi) -> Path:
 
 
 def test_what_was_saved_comes_back_to_the_byte(here: Path, robot: Path, ledpi: Ledpi) -> None:
-    """On another computer, say, at another place: lens and map go where the configuration names them."""
+    """On another computer, say, at another place: lens and map go where the configuration names them.
+
+    What only its owner may read, as for its token, stays so; and nobody runs what an archive says is a program.
+    """
     (here / "other/lens").mkdir(parents=True)
     (here / "rules.d/60-ledpi.rules").unlink()
     done = ledpi("restore", "robot.ledpi", "--config", here / "other/config.yaml")
     assert done.status == 0, done.err
     for name in ("config.yaml", "lens/camera.yaml", "markers.yaml", "ca.pem"):
         assert (here / "other" / name).read_bytes() == (robot / name).read_bytes()
+        assert (here / "other" / name).stat().st_mode & 0o777 == (0o600 if name == "config.yaml" else 0o644)
     assert (here / "rules.d/60-ledpi.rules").read_text() == RULE
     assert "udevadm control --reload" in done.out
     assert f"Missing: {here}/other/b.password, the password of outputs.b.password_file: sudo install" in done.out
@@ -362,10 +368,11 @@ def test_a_backup_of_the_service_has_all_its_cameras_and_units(
     assert "enabled units: ledpi-bridge@b, ledpi-edit.socket, ledpi@front" in said
     assert "override.conf: what you have changed of a unit is not in the backup" in said
     assert "rear.yaml: is not in the backup" in said
-    for name in ("front.yaml", "front_lens.yaml"):
+    for name in ("front.yaml", "front_lens.yaml", "config.yaml"):
         (robot / name).rename(here / name)
     done = ledpi("restore", "all", "--config", robot / "config.yaml")
     for name in ("front.yaml", "front_lens.yaml"):
         assert (robot / name).read_bytes() == (here / name).read_bytes()
     assert "sudo systemctl enable ledpi-bridge@b ledpi-edit.socket ledpi@front; sudo systemctl restart" in done.out
+    assert f"sudo chgrp ledpi {robot}/config.yaml; sudo chmod 640" in done.out  # only root could read it
     assert "certificates" not in done.out  # it was the same
