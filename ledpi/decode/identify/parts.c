@@ -57,13 +57,16 @@ static bool may_reach(const Evidence *part, double enough, double *matrix) {
     return !(0.5 * ledpi_explained(matrix, size, 1e-6) <= enough);
 }
 
+/* Cells of the largest parts that are looked at: all but the whole of a panel of 4 × 4. A larger panel's parts may have more, but then
+ * a dictionary has so few of all patterns that none is near a codeword. */
+enum { MOST_OWN = 12 };
+
 /* Patterns that a part may show, (count, rows · columns): each block of each codeword but once, and none that shows the best codeword
- * itself. `met` are those so far; its size is a power of 2, more than there are blocks. */
+ * itself. */
 typedef struct {
     ptrdiff_t count;
-    float *of;
-    uint64_t *met;
-    size_t slots;
+    float of[(1 << MOST_OWN) * MOST_OWN];
+    bool met[1 << MOST_OWN];
 } Blocks;
 
 /* Tells whether a block shows the very same as a codeword (side²,), or as its negative: then no evidence speaks for one of them. */
@@ -76,54 +79,29 @@ static bool is_same(const float *block, ptrdiff_t rows, ptrdiff_t columns, const
     return true;
 }
 
-static bool is_new(uint64_t bits, Blocks *blocks) {
-    const uint64_t key = bits + 1; /* no slot that is taken is 0 */
-    for (size_t at = (size_t)(key * UINT64_C(0x9e3779b97f4a7c15) >> 20);; at++) {
-        at &= blocks->slots - 1;
-        if (blocks->met[at] == key) return false;
-        if (blocks->met[at]) continue;
-        blocks->met[at] = key;
-        return true;
-    }
-}
-
+/* Puts the blocks of a size, until there are no other patterns. In antiphase a pattern's negative is the pattern. */
 static void put_blocks(const float *codewords, ptrdiff_t codeword_count, const float *best, ptrdiff_t side, ptrdiff_t rows,
                        ptrdiff_t columns, bool antiphase, Blocks *blocks) {
-    memset(blocks->met, 0, sizeof *blocks->met * blocks->slots);
+    const ptrdiff_t across = side - columns + 1, places = (side - rows + 1) * across, own = rows * columns;
+    ptrdiff_t missing = (ptrdiff_t)1 << own;
+    memset(blocks->met, 0, sizeof blocks->met);
     blocks->count = 0;
-    for (ptrdiff_t w = 0; w < codeword_count; w++)
-        for (ptrdiff_t first = 0; first < (side - rows + 1) * (side - columns + 1); first++) {
-            const float *const corner = codewords + (w * side + first / (side - columns + 1)) * side + first % (side - columns + 1);
-            float *const block = blocks->of + blocks->count * rows * columns;
-            uint64_t bits = 0;
-            for (ptrdiff_t k = 0; k < rows * columns; k++) {
-                block[k] = corner[k / columns * side + k % columns];
-                bits = bits << 1 | (block[k] > 0.0f);
-            }
-            if (!is_new(bits, blocks) || is_same(block, rows, columns, best, side, false)) continue;
-            if (!(antiphase && is_same(block, rows, columns, best, side, true))) blocks->count++;
-        }
-}
-
-/* The likeliest block of rows × columns cells; less the log of how many there are. */
-static double likeliest_block(const Evidence *part, const float *codewords, ptrdiff_t codeword_count, const float *best, ptrdiff_t side,
-                              ptrdiff_t rows, ptrdiff_t columns) {
-    const size_t windows = (size_t)(codeword_count * (side - rows + 1) * (side - columns + 1));
-    Blocks blocks = {.slots = 1};
-    double likelihood = NAN;
-    while (blocks.slots <= windows) blocks.slots *= 2;
-    blocks.of = malloc(sizeof(float) * (windows + 1) * (size_t)part->cells), blocks.met = malloc(sizeof(uint64_t) * blocks.slots);
-    if (blocks.of && blocks.met) {
-        put_blocks(codewords, codeword_count, best, side, rows, columns, part->parameters == 2, &blocks);
-        likelihood = ledpi_likeliest_codeword(part, blocks.of, blocks.count) - log(fmax((double)blocks.count, 1.0));
+    for (ptrdiff_t n = 0; n < codeword_count * places && missing; n++) {
+        const float *const corner = codewords + (n / places * side + n % places / across) * side + n % across;
+        float *const block = blocks->of + blocks->count * own;
+        ptrdiff_t bits = 0;
+        for (ptrdiff_t k = 0; k < own; k++) bits = bits << 1 | (corner[k / columns * side + k % columns] > 0.0f);
+        if (blocks->met[bits]) continue;
+        blocks->met[bits] = true, missing--;
+        for (ptrdiff_t k = 0; k < own; k++) block[k] = (float)(bits >> (own - 1 - k) & 1);
+        if (is_same(block, rows, columns, best, side, false) || (antiphase && is_same(block, rows, columns, best, side, true))) continue;
+        blocks->count++;
     }
-    free(blocks.of), free(blocks.met);
-    return likelihood;
 }
 
 /* The log-likelihood ratio to "no bands" of the likeliest part of a panel that shows one of the codewords (codeword_count, cells),
- * less the log of how many patterns parts of its size have: of all sizes but the whole, and of all patterns but what shows the `best`
- * codeword itself. −∞ where none is above `enough`, not a number where one's is none, or without memory. */
+ * less the log of how many patterns parts of its size have: of all sizes up to MOST_OWN cells but the whole, and of all patterns but what
+ * shows the `best` codeword itself. −∞ where none is above `enough`, not a number where one's is none, or without memory. */
 double ledpi_likeliest_part(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information, const double *prior,
                             const float *codewords, ptrdiff_t codeword_count, ptrdiff_t best, double enough) {
     const Evidence all = {cells, parameters, score, information, prior};
@@ -133,21 +111,25 @@ double ledpi_likeliest_part(ptrdiff_t cells, ptrdiff_t parameters, const double 
     ptrdiff_t side = 1;
     Room room;
     while (side * side < cells) side++;
-    room.half = malloc(sizeof(double) * (4 * square + size));
+    room.half = malloc(sizeof(double) * (4 * square + size) + sizeof(Blocks));
     if (!room.half) return NAN;
     room.turned = room.half + square, room.information = room.turned + square, room.matrix = room.information + square;
-    for (ptrdiff_t n = 1; n < side; n++) {
+    Blocks *const blocks = (Blocks *)(room.matrix + square + size);
+    for (ptrdiff_t n = 1; n <= side; n++) {
+        across[n] = down[n] = true;
+        if (n == side || side * n > MOST_OWN) continue;
         Evidence part = part_of(&all, side, side, n, &room);
         across[n] = may_reach(&part, enough, room.matrix);
         part = part_of(&all, side, n, side, &room);
         down[n] = may_reach(&part, enough, room.matrix);
     }
-    across[side] = down[side] = true;
     for (ptrdiff_t rows = 1; rows <= side; rows++)
         for (ptrdiff_t columns = 1; columns <= side; columns++) {
-            if (rows * columns == cells || !down[rows] || !across[columns]) continue;
+            if (rows * columns > MOST_OWN || rows * columns == cells || !down[rows] || !across[columns]) continue;
             const Evidence part = part_of(&all, side, rows, columns, &room);
-            const double likelihood = likeliest_block(&part, codewords, codeword_count, codewords + best * cells, side, rows, columns);
+            if (!may_reach(&part, enough, room.matrix)) continue;
+            put_blocks(codewords, codeword_count, codewords + best * cells, side, rows, columns, parameters == 2, blocks);
+            const double likelihood = ledpi_likeliest_codeword(&part, blocks->of, blocks->count) - log(fmax((double)blocks->count, 1.0));
             if (likelihood > most || isnan(likelihood)) most = likelihood;
         }
     free(room.half);
