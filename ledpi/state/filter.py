@@ -133,12 +133,25 @@ class Filter:
         return min(found, key=lambda each: each.chi2) if others else one
 
     def update(self, innovation: Innovation) -> None:
-        """Corrects the state: x += K·e, P −= K·S·Kᵀ with K = P·Hᵀ·S⁻¹; by a root of S⁻¹, so that P stays symmetric."""
+        """Corrects the state: x += K·e, P −= K·S·Kᵀ with K = P·Hᵀ·S⁻¹; by a root of S⁻¹, so that P stays symmetric.
+
+        A correction c moves the pose along an arc, r += sinc(c_yaw/2)·R(c_yaw/2)·c_xy, and P goes with it: an error of
+        the yaw is one about the same point of the map as before. Else each correction of the yaw would make a distance
+        say something of it: the error of an invariant filter (Barrau & Bonnabel, IEEE Trans. Automatic Control, 2017).
+        """
         root = np.linalg.inv(np.linalg.cholesky(innovation.covariance))
         gain = root @ innovation.cross
-        self.x += (root @ innovation.error) @ gain
+        change = (root @ innovation.error) @ gain
+        half = change[YAW] / 2
+        chord, along, aside = np.sinc(half / math.pi), *change[:2]
+        change[:2] = math.cos(half) * along - math.sin(half) * aside, math.sin(half) * along + math.cos(half) * aside
+        change[:2] *= chord
+        self.x += change
         self.x[YAW] = wrapped(self.x[YAW])
         self.P -= gain.T @ gain
+        by_yaw = np.array([-change[Y], change[X]])
+        self.P[:2] += by_yaw[:, None] * self.P[YAW]
+        self.P[:, :2] += self.P[:, YAW, None] * by_yaw
 
     def contradicts_map(self, panel: int) -> bool:
         """Tells whether a panel's place or share is beyond what the priors allow."""

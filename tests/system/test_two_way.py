@@ -116,10 +116,6 @@ def test_the_controller_hears_where_it_is(tmp_path: Path) -> None:
             wait_until(partial(has_state, wheels, Mode.NONE, wheels.told_s + 0.1))
     finally:
         wheels.close()
-    alone = [state for at_s, state in wheels.states if at_s > wheels.told_s and state.mode is Mode.PANELS]
-    assert alone[-1].deviations is not None
-    assert last.deviations is not None
-    assert alone[-1].deviations[2] > 10 * last.deviations[2]  # nothing says that it has not turned
 
 
 @pytest.mark.slow

@@ -53,6 +53,15 @@ def test_without_a_part_of_the_odometry_the_rest_holds(kind: str) -> None:
     assert state.turn_rad_s == pytest.approx(RATE, abs=0.2)
 
 
+def test_nothing_says_that_a_robot_has_not_turned_once_its_odometry_is_silent() -> None:
+    """Half a second later it knows its heading a tenth as well, and soon it may be anywhere."""
+    estimator = Estimator(room(), SEAT, OdometryNoise())
+    still(estimator, {1: 0.0, 2: 0.0}, (0.0, 0.0, 0.0), 0.0, 1.0)
+    deviations = [math.sqrt(state_at(estimator, t_s).covariance[2, 2]) for t_s in (1.0, 1.5)]
+    assert deviations[1] > 10 * deviations[0]
+    assert isinstance(estimator.at(3 * SECOND_NS), Rejected)
+
+
 def test_a_gyro_tells_the_yaw_also_where_wheels_could() -> None:
     """A wheel spins by half a metre, which is a turn of 1.7 rad to the wheels; once the gyro is silent they tell it."""
     estimator = Estimator(room(), SEAT, OdometryNoise(base_m=0.3))

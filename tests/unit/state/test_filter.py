@@ -68,6 +68,21 @@ def test_a_start_is_where_the_panel_says_and_as_uncertain_as_panel_and_look() ->
     assert states.P[0, 0] == pytest.approx(0.01**2 + 0.04**2 + c * c * 1e-4 + s * s * 1e-5, rel=1e-6)
 
 
+def test_a_panel_that_seems_nearer_says_nothing_of_the_heading() -> None:
+    """Straight ahead it says a heading of 0.2 rad, then of 0; then it is 5 cm nearer: the robot is, and has not turned."""
+
+    def from_circle(yaw: float, away_m: float) -> tuple[float, float, float]:
+        return 4.0 - away_m * math.cos(yaw), -away_m * math.sin(yaw), yaw
+
+    states = Filter(room(1e-6), (0.0, 0.0))
+    states.start(look(1, from_circle(0.2, 4.0), 0.0))
+    states.update(states.compare(look(1, from_circle(0.0, 4.0), 0.05)))
+    heading = float(states.x[2])
+    assert np.allclose(states.x[:2], from_circle(heading, 4.0)[:2], atol=1e-3)
+    states.update(states.compare(look(1, from_circle(heading, 3.95), 0.1)))
+    assert states.x[2] == pytest.approx(heading, abs=2e-3)
+
+
 def test_of_two_mirror_poses_the_state_takes_the_one_that_leads() -> None:
     """A heading 0.5 rad aside is excluded by a state that knows it; one that does not takes the place alone."""
     states = Filter(room(), (0.0, 0.0))
