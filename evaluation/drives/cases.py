@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evaluation.drives.looks import Looks
+from evaluation.drives.looks import Looks, turned_about_camera
 from evaluation.drives.robot import BASE_FROM_CAMERA, BASE_M, DT_S, MIDDLE, PANELS, Way, drive, map_of, odometry
 from ledpi.core.records import Floats
 from ledpi.state.estimator import Estimator, State
@@ -33,6 +33,7 @@ class Case:
     carried: bool = False  # turned about the room's middle
     moved: str = ""  # a panel hangs elsewhere: `later`: than those that the state rests on; `first`: it begins there
     late_s: float = 0.0  # error of the pictures' clock
+    mount_deg: float = 0.0  # by which the camera looks to the left of where robot.camera_mount says
 
 
 CASES = {
@@ -47,6 +48,7 @@ CASES = {
         Case(name="moved", seconds=60, moved="later"),
         Case(name="moved_first", seconds=60, moved="first"),
         Case(name="clock", late_s=0.010),
+        Case(name="mount", mount_deg=1.0),
     )
 }
 
@@ -131,7 +133,8 @@ def _frames(
     looks = Looks(rng, *panels, HIDDEN)
     begins = rng.uniform(0, 1 / frames_hz)
     times = [float(t) for t in np.arange(begins + 0.02, case.seconds, 1 / frames_hz)]
-    seen = [(t, looks.frame(t, way.pose(t))) for t in times]
+    mount_rad = math.radians(case.mount_deg)
+    seen = [(t, looks.frame(t, turned_about_camera(way.pose(t), mount_rad))) for t in times]
     return [(t, each) for t, each in seen if not any(a <= t < b for a, b in case.dark)]
 
 

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from evaluation.drives.cases import HIDDEN, ODOMETRY_LATE_NS, PICTURE_LATE_NS
-from evaluation.drives.looks import Looks
+from evaluation.drives.looks import Looks, turned_about_camera
 from evaluation.drives.robot import BASE_FROM_CAMERA, BASE_M, Plant, place, steered
 from ledpi.core.records import Floats, MapPanel
 from ledpi.state.estimator import Estimator, State
@@ -80,10 +80,7 @@ class Eyes:
 
     def see(self, t_s: float, pose: Floats) -> list[Look]:
         """Looks as from where base_link would be if the camera's seat were right."""
-        x, y, yaw = pose.tolist()
-        turned = yaw + self._asked.mount_rad
-        camera = (x + SEAT[0] * math.cos(yaw), y + SEAT[0] * math.sin(yaw))
-        seen = np.array([camera[0] - SEAT[0] * math.cos(turned), camera[1] - SEAT[0] * math.sin(turned), turned])
+        seen = turned_about_camera(pose, self._asked.mount_rad)
         return [self._farther(look) for look in self._looks.frame(t_s, seen)]
 
     def _farther(self, look: Look) -> Look:

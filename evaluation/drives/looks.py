@@ -129,8 +129,23 @@ class Looks:
         split = [split_noise(np.array([*centre, h]), stated, camera, self._height_m) for h in headings]
         (pose, share, turned), other = split[0], split[1][0] if len(split) > 1 else None
         return Look(
-            t_ns=round(t_s * 1e9), panel=panel, pose=pose, alternate=other, range_share=share, heading_rad=turned
+            t_ns=round(t_s * 1e9),
+            panel=panel,
+            pose=pose,
+            alternate=other,
+            range_share=share,
+            heading_rad=turned,
+            above_m=self._height_m - BASE_FROM_CAMERA[2, 3],
         )
+
+
+def turned_about_camera(pose: Floats, mount_rad: float) -> Floats:
+    """Where base_link (x, y, yaw) would be if the camera, which looks that far to the left, sat as is believed."""
+    x, y, yaw = pose.tolist()
+    (ahead, left), turned = BASE_FROM_CAMERA[:2, 3], yaw + mount_rad
+    x += ahead * (math.cos(yaw) - math.cos(turned)) - left * (math.sin(yaw) - math.sin(turned))
+    y += ahead * (math.sin(yaw) - math.sin(turned)) + left * (math.cos(yaw) - math.cos(turned))
+    return np.array([x, y, turned])
 
 
 def _stated(distance: float, incidence: float, ray: Floats) -> Floats:

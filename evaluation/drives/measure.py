@@ -182,6 +182,8 @@ ASKED = (
     Asked("none", "no odometry: RMS mm", lambda r: pooled(r, "rms_mm")),
     Asked("none", "no odometry: NEES", lambda r: column(r, "nees").mean()),
     Asked("clock", "pictures' clock 10 ms off: NEES (must fail)", lambda r: column(r, "nees").mean(), least=3.6),
+    Asked("mount", "camera_mount 1° off: RMS mm", lambda r: pooled(r, "rms_mm"), most=25),
+    Asked("mount", "camera_mount 1° off: NEES", lambda r: column(r, "nees").mean(), most=3.6),
     *(
         Asked(case, f"{what}: {mm} mm and {deg}°", partial(docked, within_mm=mm, within_deg=deg), least=least)
         for case, what, wide, narrow in (

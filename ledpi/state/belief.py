@@ -29,7 +29,7 @@ class Event:
     """Something that somebody should know of."""
 
     t_ns: int
-    kind: Literal["panel_moved", "relocalised", "map_contradicts", "odometry_contradicts"]
+    kind: Literal["panel_moved", "relocalised", "map_contradicts", "odometry_contradicts", "mount_contradicts"]
     panel: int
 
 
@@ -107,6 +107,7 @@ class Judge:
     trust: Trust = field(default_factory=Trust)
     moved: dict[int, int] = field(default_factory=dict)  # who hangs elsewhere, and looks at each that agree after all
     contradicting: frozenset[int] = frozenset()
+    mount_contradicts: bool = False
     relocalisations: int = 0
     used_ns: int = 0
     way_m: float = 0.0  # driven since, forward or back
@@ -161,6 +162,9 @@ class Judge:
         if rests_on_others and panel not in self.contradicting and self.belief.filter.contradicts_map(panel):
             self.contradicting |= {panel}
             self._tell(Event(look.t_ns, "map_contradicts", panel))
+        if len(self.belief.witnesses) >= 2 and not self.mount_contradicts and self.belief.filter.contradicts_mount:
+            self.mount_contradicts = True
+            self._tell(Event(look.t_ns, "mount_contradicts", panel))
 
     def report(self) -> tuple[Floats, Floats]:
         """The pose and its covariance, which spans both beliefs."""

@@ -1,9 +1,10 @@
 """An extended Kalman filter of the robot's pose and of what each panel errs by in every frame alike.
 
-The state is the own part (motion.py), then for each of at most eight panels: dx, dy and dyaw of its place in the map,
-and the share by which it is seen too far. The place has the map's deviations as prior. What the decoder sees wrong of a
-panel lasts for seconds, too: the share, and a part of dyaw, are Gauss-Markov processes. So a thousand frames of one
-panel do not average them away. (Schmidt, 1966, only considers such numbers; estimated, they tell what a map has wrong.)
+The state is the own part (inputs.py); how far the camera is turned about x, y and z of base_link from where
+robot.camera_mount has it; then for each of at most eight panels dx, dy and dyaw of its place in the map, and the share
+by which it is seen too far. The place has the map's deviations as prior. What the decoder sees wrong of a panel lasts
+for seconds, too: the share, and a part of dyaw, are Gauss-Markov processes. So a thousand frames of one panel do not
+average them away. (Schmidt, 1966, only considers such numbers; estimated, they tell what a map and a mount have wrong.)
 """
 
 from __future__ import annotations
@@ -19,7 +20,10 @@ from ledpi.state.inputs import DRIFT, OWN, POSE, PRIORS, WAY_SCALE, YAW, YAW_SCA
 
 DX, DY, DYAW, RANGE = range(4)
 EACH, MOST_PANELS = 4, 8
-SIZE = OWN + EACH * MOST_PANELS
+ROLL, PITCH, TURNED = range(OWN, OWN + 3)
+FIRST = OWN + 3  # of the panels' numbers
+SIZE = FIRST + EACH * MOST_PANELS
+MOUNT_RAD = math.radians(1.0)  # deviation of a camera's mount, about each axis
 
 GATE = {2: 13.8, 3: 16.3}  # χ² by degrees of freedom that chance exceeds once in 1,000 times
 MIRROR_LEAD = 9.0  # χ² by which one of two mirror poses must lead: 90 to 1
@@ -58,7 +62,7 @@ class Filter:
         self._deviations = {i: (p.position_sigma_m, p.angle_sigma_rad) for i, p in panels.items()}
         self._seat, self.slots, self.has_pose = seat, dict[int, _Slot](), False
         self._turn_priors: tuple[float, float] | None = None  # of what measures the yaw, since it does
-        self.x, self.P = np.zeros(SIZE), np.diag(np.square([*PRIORS, *[0.0] * (SIZE - OWN)]))
+        self.x, self.P = np.zeros(SIZE), np.diag(np.square([*PRIORS, *[MOUNT_RAD] * 3, *[0.0] * (SIZE - FIRST)]))
 
     def copy(self) -> Filter:
         other = copy(self)
@@ -80,10 +84,10 @@ class Filter:
         return self.P[:POSE, :POSE].copy()
 
     def move_like(self, other: Filter) -> None:
-        """Takes over what another knows of the motion and of odometry."""
+        """Takes over what another knows of the motion, of odometry, and of the camera's mount."""
         self._turn_priors = other._turn_priors
-        self.x[POSE:OWN] = other.x[POSE:OWN]
-        self.P[POSE:OWN, POSE:OWN] = other.P[POSE:OWN, POSE:OWN]
+        self.x[POSE:FIRST] = other.x[POSE:FIRST]
+        self.P[POSE:FIRST, POSE:FIRST] = other.P[POSE:FIRST, POSE:FIRST]
 
     def propagate(self, step: Step) -> None:
         if step.turn_rad is not None and step.turn_priors != self._turn_priors:  # a drift of what measured it before
@@ -96,30 +100,37 @@ class Filter:
             self.has_pose = False
 
     def start(self, look: Look) -> None:
-        """Begins anew at the pose that one panel gives, which is correlated with what is not known of the panel.
+        """Begins anew at the pose that one panel gives, correlated with what is not known of the panel and the mount.
 
-        yaw = z₃ + dyaw; q = seat + (z − seat)/(1 + range) is the panel's place in base_link; x, y = m + d − R(yaw)·q.
+        yaw = z₃ + dyaw − turned; q = seat + v/(1 + range) is the panel's place in base_link, where v is z − seat turned
+        by the mount's three; x, y = m + d − R(yaw)·q.
         """
         at, z, seat = self._slot(look), look.pose.value, np.array(self._seat)
-        d = self.x[at : at + EACH]
-        yaw, g = wrapped(z[2] + d[DYAW]), 1.0 + d[RANGE]
-        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-        arm = turn @ (seat + (z[:2] - seat) / g)
-        by_look, by_panel = np.zeros((3, 3)), np.zeros((3, EACH))
+        roll, pitch, turned = self.x[OWN:FIRST].tolist()
+        d, above = self.x[at : at + EACH], look.above_m
+        (ahead, left), g = z[:2] - seat, 1.0 + d[RANGE]
+        v = np.array([ahead - turned * left + pitch * above, left + turned * ahead - roll * above])
+        yaw = wrapped(z[2] + d[DYAW] - turned)
+        turn = _rotation(yaw)
+        arm = turn @ (seat + v / g)
+        by_look, by_panel, by_mount = np.zeros((3, 3)), np.zeros((3, EACH)), np.zeros((3, 3))
         by_look[:2, :2], by_panel[:2, :2] = -turn / g, np.eye(2)
         by_look[:, 2] = by_panel[:, DYAW] = arm[1], -arm[0], 1.0
-        by_panel[:2, RANGE] = turn @ (z[:2] - seat) / g**2
+        by_panel[:2, RANGE] = turn @ v / g**2
+        by_mount[:2] = -turn @ [[0.0, above, -left], [-above, 0.0, ahead]] / g
+        by_mount[:, 2] -= by_look[:, 2]
+        slopes, others = np.hstack([by_mount, by_panel]), [ROLL, PITCH, TURNED, *range(at, at + EACH)]
         self.x[:POSE] = *(self._places[look.panel] + d[:2] - arm), yaw
-        self.P[:POSE] = by_panel @ self.P[at : at + EACH]
+        self.P[:POSE] = slopes @ self.P[others]
         self.P[:, :POSE] = self.P[:POSE].T
-        self.P[:POSE, :POSE] = self.P[:POSE, at : at + EACH] @ by_panel.T + by_look @ look.pose.covariance @ by_look.T
+        self.P[:POSE, :POSE] = self.P[:POSE, others] @ slopes.T + by_look @ look.pose.covariance @ by_look.T
         self.has_pose = True
 
     def compare(self, look: Look) -> Innovation:
         """Compares a look with the state: the mirror pose that leads, or the place alone where neither does."""
         at = self._slot(look)
-        predicted, H = self._predict(look.panel, at)
-        columns = [X, Y, YAW, *range(at, at + EACH)]
+        predicted, H = self._predict(look, at)
+        columns = [X, Y, YAW, ROLL, PITCH, TURNED, *range(at, at + EACH)]
         cross = H @ self.P[columns]
         spread = cross[:, columns] @ H.T
         found = []
@@ -135,28 +146,30 @@ class Filter:
     def update(self, innovation: Innovation) -> None:
         """Corrects the state: x += K·e, P −= K·S·Kᵀ with K = P·Hᵀ·S⁻¹; by a root of S⁻¹, so that P stays symmetric.
 
-        A correction c moves the pose along an arc, r += sinc(c_yaw/2)·R(c_yaw/2)·c_xy, and P goes with it: an error of
-        the yaw is one about the same point of the map as before. Else each correction of the yaw would make a distance
-        say something of it: the error of an invariant filter (Barrau & Bonnabel, IEEE Trans. Automatic Control, 2017).
+        A correction c moves the pose along an arc, r += sinc(c_yaw/2)·R(c_yaw/2)·c_xy, and turns P with the robot: how
+        far that is off, as it sees it, stays. Else each correction of the yaw would make a distance tell something of
+        it: the error of an invariant filter (Barrau & Bonnabel, IEEE Trans. Automatic Control, 2017).
         """
         root = np.linalg.inv(np.linalg.cholesky(innovation.covariance))
         gain = root @ innovation.cross
         change = (root @ innovation.error) @ gain
-        half = change[YAW] / 2
-        chord, along, aside = np.sinc(half / math.pi), *change[:2]
-        change[:2] = math.cos(half) * along - math.sin(half) * aside, math.sin(half) * along + math.cos(half) * aside
-        change[:2] *= chord
+        yaw = change[YAW]
+        change[:2] = np.sinc(yaw / math.tau) * _rotation(yaw / 2) @ change[:2]
         self.x += change
         self.x[YAW] = wrapped(self.x[YAW])
         self.P -= gain.T @ gain
-        by_yaw = np.array([-change[Y], change[X]])
-        self.P[:2] += by_yaw[:, None] * self.P[YAW]
-        self.P[:, :2] += self.P[:, YAW, None] * by_yaw
+        self.P[:2] = _rotation(yaw) @ self.P[:2]
+        self.P[:, :2] = self.P[:, :2] @ _rotation(yaw).T
 
     def contradicts_map(self, panel: int) -> bool:
         """Tells whether a panel's place or share is beyond what the priors allow."""
         slot = self.slots[panel]
         return bool((np.abs(self.x[slot.at : slot.at + EACH]) > CONTRADICTS * slot.priors).any())
+
+    @property
+    def contradicts_mount(self) -> bool:
+        """Tells whether the camera is turned by more than its prior allows."""
+        return bool((np.abs(self.x[OWN:FIRST]) > CONTRADICTS * MOUNT_RAD).any())
 
     @property
     def contradicts_odometry(self) -> bool:
@@ -166,24 +179,27 @@ class Filter:
             abs(self.x[WAY_SCALE]) > CONTRADICTS * PRIORS[WAY_SCALE] or abs(self.x[YAW_SCALE]) > CONTRADICTS * yaw
         )
 
-    def _predict(self, panel: int, at: int) -> tuple[Floats, Floats]:
-        """The look at a panel that is predicted, and its slopes by x, y, yaw and the panel's four.
+    def _predict(self, look: Look, at: int) -> tuple[Floats, Floats]:
+        """The look at a panel that is predicted, and its slopes by x, y, yaw, the mount's three and the panel's four.
 
-        q = R(−yaw)·(m + d − r) is its place in base_link; seen is seat + (1 + range)·(q − seat), and yaw − dyaw.
+        q = R(−yaw)·(m + d − r) is its place in base_link; seen is seat + (1 + range)·(q − seat), turned back by the
+        mount's three, and yaw − dyaw + turned.
         """
-        (east, north), (seat_x, seat_y) = self._places[panel], self._seat
+        (east, north), (seat_x, seat_y) = self._places[look.panel], self._seat
         x, y, yaw = self.x[:POSE].tolist()
+        roll, pitch, turned = self.x[OWN:FIRST].tolist()
         dx, dy, dyaw, share = self.x[at : at + EACH].tolist()
-        c, s, g = math.cos(yaw), math.sin(yaw), 1.0 + share
+        c, s, g, above = math.cos(yaw), math.sin(yaw), 1.0 + share, look.above_m
         east, north = east + dx - x, north + dy - y
         qx, qy = c * east + s * north, c * north - s * east
         rx, ry = qx - seat_x, qy - seat_y
-        H = [
-            [-g * c, -g * s, g * qy, g * c, g * s, 0.0, rx],
-            [g * s, -g * c, -g * qx, -g * s, g * c, 0.0, ry],
-            [0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0],
-        ]
-        return np.array([seat_x + g * rx, seat_y + g * ry, yaw - dyaw]), np.array(H)
+        H = np.array([
+            [-g * c, -g * s, g * qy, 0.0, -above, g * ry, g * c, g * s, 0.0, rx],
+            [g * s, -g * c, -g * qx, above, 0.0, -g * rx, -g * s, g * c, 0.0, ry],
+            [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0],
+        ])  # fmt: skip
+        seen = g * rx + turned * g * ry - pitch * above, g * ry - turned * g * rx + roll * above
+        return np.array([seat_x + seen[0], seat_y + seen[1], yaw - dyaw + turned]), H
 
     def _slot(self, look: Look) -> int:
         """Returns where a panel's numbers are, aged to this look. The panel unseen longest leaves for a new one.
@@ -212,8 +228,12 @@ class Filter:
 
     def _make_room(self) -> int:
         if len(self.slots) < MOST_PANELS:
-            return OWN + EACH * len(self.slots)
+            return FIRST + EACH * len(self.slots)
         at = self.slots.pop(min(self.slots, key=lambda panel: (self.slots[panel].seen_ns, panel))).at
         own = slice(at, at + EACH)
         self.x[own], self.P[own], self.P[:, own] = 0.0, 0.0, 0.0
         return at
+
+
+def _rotation(angle: float) -> Floats:
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])

@@ -69,6 +69,7 @@ class Look:
     alternate: Measured | None  # its mirror pose, where that is not excluded: the same place, another heading
     range_share: float  # deviation of its distance that stays the same from look to look, as a share
     heading_rad: float  # such a deviation of the heading
+    above_m: float  # of the panel above the camera: by that a tilt of the camera moves it
 
 
 def look_of(marker: MarkerPose, panel: MapPanel, base_from_camera: Floats) -> Look | Rejected:
@@ -77,8 +78,8 @@ def look_of(marker: MarkerPose, panel: MapPanel, base_from_camera: Floats) -> Lo
     if not poses or not all(_is_whole(pose) for pose in poses):
         return NO_POSE
     (pose, share, heading), *other = (_measured(each, panel, base_from_camera) for each in poses)
-    mirror = other[0][0] if other else None
-    return Look(marker.mid_exposure_ns, marker.detection.id, pose, mirror, share, heading)
+    mirror, above_m = other[0][0] if other else None, float(base_from_camera[2, :3] @ poses[0].position_m)
+    return Look(marker.mid_exposure_ns, marker.detection.id, pose, mirror, share, heading, above_m)
 
 
 def _is_whole(pose: Pose) -> bool:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from ledpi.core.geometry import matrix_from_rpy_deg
 from ledpi.core.records import Floats, MapPanel
 from ledpi.state.estimator import Estimator, State
 from ledpi.state.inputs import Look, Measured, Odometry, wrapped
@@ -42,11 +44,21 @@ def look(
         alternate=None if mirror_rad is None else _measured(at, wrapped(yaw + mirror_rad)),
         range_share=0.01,
         heading_rad=0.01,
+        above_m=1.0,
     )
 
 
 def _measured(at: Floats, yaw: float) -> Measured:
     return Measured(value=np.array([*at, yaw]), covariance=np.diag([1e-4, 1e-5, 1e-4]))
+
+
+def by_turned_camera(seen: Look, roll_rad: float, pitch_rad: float, yaw_rad: float) -> Look:
+    """The same look through a camera, at base_link's origin, that is turned from where it is believed to be."""
+    believed = matrix_from_rpy_deg(*np.degrees([roll_rad, pitch_rad, yaw_rad])).T
+    x, y, heading = seen.pose.value
+    x, y, above_m = (believed @ [x, y, seen.above_m]).tolist()
+    value = np.array([x, y, wrapped(heading + yaw_rad)])
+    return replace(seen, pose=replace(seen.pose, value=value), above_m=above_m)
 
 
 def odometry(t_s: float, way_m: float = 0.0, yaw_rad: float = 0.0) -> Odometry:

@@ -9,9 +9,22 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Rejected
-from ledpi.state.estimator import Estimator
+from ledpi.state.estimator import Estimator, State
 from ledpi.state.inputs import Look, Odometry, OdometryNoise
-from tests.builders.state import RATE, SEAT, SECOND_NS, drive, heard, look, odometry, on_circle, room, state_at, still
+from tests.builders.state import (
+    RATE,
+    SEAT,
+    SECOND_NS,
+    by_turned_camera,
+    drive,
+    heard,
+    look,
+    odometry,
+    on_circle,
+    room,
+    state_at,
+    still,
+)
 
 
 def test_the_order_of_arrival_changes_no_bit() -> None:
@@ -51,6 +64,32 @@ def test_without_a_part_of_the_odometry_the_rest_holds(kind: str) -> None:
     assert error @ np.linalg.solve(state.covariance[:2, :2], error) < 13.8
     assert state.speed_m_s == pytest.approx(RATE, abs=0.1)
     assert state.turn_rad_s == pytest.approx(RATE, abs=0.2)
+
+
+def there_by_turned_camera(mount_deg: tuple[float, float, float]) -> State:
+    """The state after 3 m ahead, and half a turn, between three panels that hang 1 m above the camera."""
+    estimator = Estimator(room(0.001, 0.001), SEAT)
+    for t_s in np.arange(0, 12, 0.05).tolist():
+        way, turned = min(0.5 * t_s, 3.0), max(0.0, t_s - 6.0) * math.pi / 6
+        looks = (look(i, (way - 1.5, 0.0, turned), t_s) for i in (1, 2, 4))
+        told = [by_turned_camera(each, *np.radians(mount_deg)) for each in looks]
+        heard(estimator, odometry(t_s, way_m=way, yaw_rad=turned), *told)
+    return state_at(estimator, 12.0)
+
+
+@pytest.mark.parametrize("mount_deg", [(0.0, 0.0, 2.0), (0.0, 2.0, 0.0), (-2.0, 0.0, 0.0)])
+def test_a_camera_that_is_turned_is_found(mount_deg: tuple[float, float, float]) -> None:
+    """By yaw it would head 2° aside, by pitch or roll it would be 35 mm off."""
+    state = there_by_turned_camera(mount_deg)
+    assert np.hypot(*(state.pose[:2] - (1.5, 0.0))) < 0.01
+    assert math.degrees(abs(state.pose[2])) == pytest.approx(180.0, abs=0.5)
+    assert state.events == ()
+
+
+def test_a_mount_that_is_off_by_more_than_it_may_is_named() -> None:
+    """The configuration has its yaw wrong by 8°; the panels, of whom none is accused, agree with each other."""
+    state = there_by_turned_camera((0.0, 0.0, 8.0))
+    assert [event.kind for event in state.events] == ["mount_contradicts"]
 
 
 def test_nothing_says_that_a_robot_has_not_turned_once_its_odometry_is_silent() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Floats
-from ledpi.state.filter import Filter
+from ledpi.state.filter import FIRST, MOUNT_RAD, Filter
 from ledpi.state.inputs import OWN, POSE, Step, propagate
 from tests.builders.state import look, room
 
@@ -47,7 +47,7 @@ def test_the_covariance_moves_by_the_slopes_of_the_motion(step: Step) -> None:
 def test_one_look_is_weighed_with_the_state_as_by_hand() -> None:
     """Ahead of a panel 4 m away, both certain but for the way: variances 4 and 1 make a fifth of the difference."""
     states = Filter(room(1e-9, 1e-9), (0.0, 0.0))
-    states.P[0, 0], states.has_pose = 4e-4, True
+    states.P[0, 0], states.P[OWN:FIRST], states.has_pose = 4e-4, 0.0, True  # its mount is exact
     seen = look(1, (0.1, 0.0, 0.0), 0.0)
     object.__setattr__(seen, "range_share", 1e-9)
     object.__setattr__(seen, "heading_rad", 1e-9)
@@ -57,19 +57,23 @@ def test_one_look_is_weighed_with_the_state_as_by_hand() -> None:
 
 
 def test_a_start_is_where_the_panel_says_and_as_uncertain_as_panel_and_look() -> None:
-    """From 4 m: the map's angle of 0.01 rad is 4 cm aside; along the ray its 1 cm, 1 % of 4 m, and the look's 1 cm."""
+    """From 4 m: the map's angle of 0.01 rad is 4 cm aside; along the ray its 1 cm, 1 % of 4 m, and the look's 1 cm.
+
+    The camera's mount turns the heading, and nothing aside by that; tilted, it moves a panel that hangs 1 m above it.
+    """
     states = Filter(room(), (0.0, 0.0))
     states.start(look(1, (0.0, 0.0, 0.3), 0.0))
     assert np.allclose(states.x[:POSE], [0.0, 0.0, 0.3], atol=1e-9)
     yaw = 0.01**2 + 0.01**2 + 1e-4  # map's, decoder's, and the look's own
     c, s = math.cos(0.3), math.sin(0.3)
-    assert states.P[2, 2] == pytest.approx(yaw)
-    assert states.P[1, 1] == pytest.approx(0.01**2 + 16 * yaw + s * s * 1e-4 + c * c * 1e-5, rel=1e-6)
-    assert states.P[0, 0] == pytest.approx(0.01**2 + 0.04**2 + c * c * 1e-4 + s * s * 1e-5, rel=1e-6)
+    assert states.P[2, 2] == pytest.approx(yaw + MOUNT_RAD**2)
+    placed = 0.01**2 + MOUNT_RAD**2
+    assert states.P[1, 1] == pytest.approx(placed + 16 * yaw + s * s * 1e-4 + c * c * 1e-5, rel=1e-6)
+    assert states.P[0, 0] == pytest.approx(placed + 0.04**2 + c * c * 1e-4 + s * s * 1e-5, rel=1e-6)
 
 
 def test_a_panel_that_seems_nearer_says_nothing_of_the_heading() -> None:
-    """Straight ahead it says a heading of 0.2 rad, then of 0; then it is 5 cm nearer: the robot is, and has not turned."""
+    """Straight ahead it says a heading of 0.2 rad, then of 0; then it is 5 cm nearer: so is the robot, unturned."""
 
     def from_circle(yaw: float, away_m: float) -> tuple[float, float, float]:
         return 4.0 - away_m * math.cos(yaw), -away_m * math.sin(yaw), yaw
@@ -101,7 +105,7 @@ def test_a_panel_beyond_four_of_its_deviations_contradicts_the_map() -> None:
     states.start(look(1, (0.0, 0.0, 0.0), 0.0))
     told = []
     for number, value in ((0, 0.039), (0, -0.041), (3, 0.039), (3, 0.041)):
-        states.x[OWN : OWN + 4] = 0.0
-        states.x[OWN + number] = value
+        states.x[FIRST : FIRST + 4] = 0.0
+        states.x[FIRST + number] = value
         told.append(states.contradicts_map(1))
     assert told == [False, True, False, True]
