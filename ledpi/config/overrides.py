@@ -30,8 +30,8 @@ def parse_override(item: str) -> tuple[Key, Any]:
         raise ConfigError(f"--set {shortened_name(item)}: {shortened(text)} is not a YAML value") from None
     if isinstance(value, (dict, list)) and not text.lstrip().startswith(("{", "[")):
         value = text  # `recording:` and `-` are words here, although YAML reads a mapping and a list
-    # A key of digits is a panel's ID, and YAML reads that as a number.
-    return tuple(int(part) if part.isdecimal() else part for part in key.split(".")), value
+    # A key of digits is a panel's ID, and YAML reads that as a number; one so long that Python refuses it is none.
+    return tuple(int(part) if part.isdecimal() and len(part) < 20 else part for part in key.split(".")), value
 
 
 def apply_override(raw: dict[str, Any], item: str) -> set[str]:

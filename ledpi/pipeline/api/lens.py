@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ledpi.config.lens_forms import of_model
 from ledpi.config.values import check_lens
-from ledpi.core.errors import ConfigError, raising
+from ledpi.core.errors import ConfigError, raising, shortened
 from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.records import (
     COEFFICIENTS,
@@ -85,6 +86,10 @@ class Lens:
             model, distortion = of_model(self.model, self.distortion)
         except ValueError as error:
             raise ConfigError(f"lens: distortion {error}") from None
+        for name in ("fx", "fy", "cx", "cy"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise ConfigError(f"lens: {name} must be a number, in pixels, not {shortened(value)}")
         with raising("lens", ConfigError):
             check_lens(width, height, fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy)
             return Intrinsics(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from itertools import islice
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from ledpi.pipeline.api.lens import Body, Fix, Lens, Marker
 from ledpi.pipeline.api.state import State, Whereabouts, whole_ns
 from ledpi.pipeline.diagnosis.drawing import DIMMED, Placed, draw_markers
 
+MOST_IDS = 1 << 16  # a packet has two bytes for one
 EXPOSURE_US = 10_000.0  # where a program does not say: the configuration's default
 
 
@@ -278,7 +280,10 @@ def _whole_numbers(name: str, values: Sequence[int] | None) -> list[int] | None:
         return None
     try:
         if not isinstance(values, (str, bytes)):
-            return [operator.index(value) for value in values]
+            numbers = [operator.index(value) for value in islice(values, MOST_IDS + 1)]
+            if len(numbers) > MOST_IDS:
+                raise ConfigError(f"{name}: no dictionary has more than {MOST_IDS} IDs")
+            return numbers
     except TypeError:
         pass
     raise ConfigError(f"{name}: must be whole numbers, as [7, 23], not {shortened(values)}")

@@ -291,6 +291,11 @@ def test_an_override_of_a_thousand_brackets_is_reported_in_one_line() -> None:
         load_config(None, (f"panels.side_m={'[' * 5000}",))
 
 
+def test_an_override_of_an_id_of_a_thousand_digits_is_reported_in_one_line() -> None:
+    """Python makes no number of so many."""
+    assert "maximum size" in message(SHIPPED, f"panels.overrides.{'1' * 5000}.side_m=0.2")
+
+
 def test_antiphase_is_one_frequency_for_both_classes(tmp_path: Path) -> None:
     """The panel has one wave then."""
     text = "panels: {side_m: 0.2, phase: antiphase, black_hz: 1253.33, white_hz: 1253.33}"

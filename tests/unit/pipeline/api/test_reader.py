@@ -251,6 +251,7 @@ def test_pictures_turned_by_180_degrees_are_read_from_below() -> None:
         ({"lens": 5}, "lens: must be a path, not 5"),
         ({"ids": "23"}, "ids: must be whole numbers, as [7, 23], not '23'"),
         ({"ids": 7}, "ids: must be whole numbers, as [7, 23], not 7"),
+        ({"ids": range(10**9)}, "ids: no dictionary has more than 65536 IDs"),
         ({"ids": [7.5]}, "ids: must be whole numbers, as [7, 23], not [7.5]"),
         ({"overrides": {7: {"side": 0.3}}}, "overrides.7.side: unknown key; did you mean side_m?"),
         ({"overrides": [7]}, 'overrides: must be as {7: {"side_m": 0.3}}, not [7]'),
@@ -393,6 +394,8 @@ def test_a_lens_of_other_pictures_is_refused(near: Pixels) -> None:
     """Numbers that no lens of this size has: they were in millimetres."""
     with pytest.raises(ledpi.LedpiError, match=r"^lens: fx: must be 64 to 64000 pixels for pictures of 640 × 480"):
         reader(lens=dataclasses.replace(LENS, fx=3.6)).read(near, row_time_us=ROW_TIME_US)
+    with pytest.raises(ledpi.LedpiError, match=r"^lens: cy must be a number, in pixels, not '240'"):
+        dataclasses.replace(LENS, cy="240")
 
 
 @pytest.mark.parametrize("matrix", [np.eye(4), [1, 2, 3], [[500, 3, 320], [0, 500, 240], [0, 0, 1]]])
