@@ -32,7 +32,7 @@ double ledpi_likeliest_part(ptrdiff_t cells, ptrdiff_t parameters, const double 
 
 /* ---- Proposals: outlines of four-sided things (find.c), lattices of cells (lattice_squares.c) */
 
-enum { LEDPI_MOST_LEVELS = 10, LEDPI_MOST_SHARES = 2, LEDPI_SQUARE = 11 };
+enum { LEDPI_MOST_LEVELS = 10, LEDPI_MOST_SHARES = 2, LEDPI_SQUARE = 11, LEDPI_MOST_SQUARES = 4096 };
 
 /* A picture, a pixel of which is `scale` of the frame's; which grey levels something that is lit there is brighter than, or
  * by which shares of the contrast it is, in 256ths; and the shortest way around what is. */

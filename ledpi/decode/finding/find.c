@@ -12,6 +12,7 @@ typedef struct {
     ptrdiff_t points_room;
     int32_t (*ends)[2];
     double (*hull)[2];
+    Ranked *ranked;
 } Room;
 
 /* The next bytes of what there is, counted in `used`; NULL where they are only counted. */
@@ -35,6 +36,7 @@ static ptrdiff_t put_room(uint8_t *room, ptrdiff_t height, ptrdiff_t width, Room
     into->points = take(room, &used, pixels * (ptrdiff_t)sizeof(int32_t[2]));
     into->ends = take(room, &used, height * (ptrdiff_t)sizeof(int32_t[2]));
     into->hull = take(room, &used, (2 * height + 2) * (ptrdiff_t)sizeof(double[2]));
+    into->ranked = take(room, &used, LEDPI_MOST_SQUARES * (ptrdiff_t)sizeof(Ranked));
     into->most = most, into->points_room = pixels;
     return used;
 }
@@ -93,7 +95,8 @@ void ledpi_find(const FindLevel *levels, ptrdiff_t count, const FindWanted *want
         find_brighter(level, wanted, room, &squares, found);
         find_lit(level, wanted, room, &squares, found);
     }
-    found->distinct_count = ledpi_distinct((const Square *)found->squares, squares, &wanted->limits, found->distinct);
+    found->distinct_count = ledpi_distinct((const Square *)found->squares, squares, &wanted->limits, room->ranked,
+                                           found->distinct);
     found->distinct_count = ledpi_drop_cells((const Square *)found->squares, found->distinct_count, wanted->cells, &wanted->limits,
                                                 found->distinct);
 }

@@ -67,9 +67,15 @@ typedef struct {
 bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double scale, const Limits *limits,
                      int32_t (*ends)[2], double (*hull)[2], Square *square);
 
-/* Suppression: squares (count), in `kept` (count), of no thing which another fits better; the best first. Returns how
- * many. */
-ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, int64_t *kept);
+/* A square by its cost, the row of its middle, and the one that was kept before it in the same band of rows. */
+typedef struct {
+    double cost, middle;
+    ptrdiff_t at, before;
+} Ranked;
+
+/* Suppression: squares (count), in `kept` (count), of no thing which another fits better; the best first. `ranked` (count) is
+ * room. Returns how many. */
+ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, Ranked *ranked, int64_t *kept);
 
 enum { MOST_COMPARED = 512 }; /* that are looked at for cells of each other */
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ledpi.core.library import NONE, ffi, lib, pointer
 from ledpi.core.records import Floats, Frame, Mask, Pixels
 
-MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
+MOST_SQUARES: int = lib.LEDPI_MOST_SQUARES  # in a frame: more is texture
 MOST_LATTICE_SQUARES = 1024
 LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
 # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.

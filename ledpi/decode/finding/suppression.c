@@ -1,7 +1,11 @@
 /* One square of each thing, without a panel's cells. */
 #include <math.h>
+#include <stdlib.h>
 
 #include "find.h"
+
+/* Of rows in which middles are: squares that are the same are in bands near each other. */
+enum { BANDS = 128, BAND_PX = 16 };
 
 static double cost(const Square *square, const Limits *limits) {
     return square->misfit + limits->blur_misfit * square->tolerance_px;
@@ -30,17 +34,34 @@ static bool same(const Square *a, const Square *b, const Limits *limits) {
     return apart[0] * apart[0] + apart[1] * apart[1] < near * near && farthest2(a, b) < same_corners * same_corners;
 }
 
-ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, int64_t *kept) {
-    ptrdiff_t distinct = 0;
-    for (ptrdiff_t i = 0; i < count; i++) { /* in order, those that are alike as they came */
-        ptrdiff_t at = i;
-        for (; at > 0 && cost(squares + kept[at - 1], limits) > cost(squares + i, limits); at--) kept[at] = kept[at - 1];
-        kept[at] = i;
-    }
+static int by_cost(const void *one, const void *other) {
+    const Ranked *const a = one, *const b = other;
+    if (a->cost != b->cost) return a->cost < b->cost ? -1 : 1;
+    return a->at < b->at ? -1 : 1; /* those that are alike as they came */
+}
+
+static ptrdiff_t band_at(double y) { return y < 0.0 ? 0 : y < BANDS * BAND_PX ? (ptrdiff_t)(y / BAND_PX) : BANDS - 1; }
+
+ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, Ranked *ranked, int64_t *kept) {
+    ptrdiff_t distinct = 0, bands[BANDS]; /* of each the square that was kept last, and of that the one before */
+    for (ptrdiff_t i = 0; i < BANDS; i++) bands[i] = -1;
     for (ptrdiff_t i = 0; i < count; i++) {
+        const double(*c)[2] = squares[i].corners;
+        ranked[i] = (Ranked){cost(squares + i, limits), 0.25 * (c[0][1] + c[1][1] + c[2][1] + c[3][1]), i, -1};
+    }
+    qsort(ranked, (size_t)count, sizeof(Ranked), by_cost);
+    for (ptrdiff_t i = 0; i < count; i++) {
+        const Square *const own = squares + ranked[i].at;
+        const double middle = ranked[i].middle, reach = limits->near * own->side_px / limits->like;
+        const ptrdiff_t last = band_at(middle + reach);
         bool seen = false;
-        for (ptrdiff_t k = 0; k < distinct && !seen; k++) seen = same(squares + kept[i], squares + kept[k], limits);
-        if (!seen) kept[distinct++] = kept[i];
+        for (ptrdiff_t band = band_at(middle - reach); band <= last && !seen; band++)
+            for (ptrdiff_t k = bands[band]; k >= 0 && !seen; k = ranked[k].before)
+                seen = same(own, squares + ranked[k].at, limits);
+        if (seen) continue;
+        ptrdiff_t *const band = bands + band_at(middle);
+        ranked[i].before = *band, *band = i;
+        kept[distinct++] = ranked[i].at;
     }
     return distinct;
 }
