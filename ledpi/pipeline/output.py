@@ -6,6 +6,8 @@ from collections import Counter
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from ledpi.core.records import BodyPose, Decoded, Floats, MarkerPose, Pose, RobotFix
 from ledpi.state.estimator import State
 
@@ -28,9 +30,19 @@ def decoded_as_json(decoded: Decoded, recording: str) -> dict[str, Any]:
 def state_as_json(state: State | None, t_ns: int, offset_ns: int = 0) -> dict[str, Any]:
     """The robot's state at a time; its numbers are null where there is none. `offset_ns` is taken off all times."""
     if state is None:
-        keys = ("position_m", "yaw_rad", "covariance", "velocity", "panel_ns", "way_m")
+        keys = (
+            "position_m",
+            "yaw_rad",
+            "covariance",
+            "velocity",
+            "panel_ns",
+            "way_m",
+            "mount_deg",
+            "mount_deviations_deg",
+        )
         nothing = {"panels": 0, "contested": False, "moved": [], "relocalisations": 0, "events": []}
         return {"t_ns": t_ns - offset_ns, "mode": "none", **dict.fromkeys(keys), **nothing}
+    turned_deg, deviations_deg = np.degrees(state.mount_rad).round(3).tolist()
     return {
         "t_ns": state.t_ns - offset_ns,
         "mode": "odometry" if state.by_odometry else "panels",
@@ -44,6 +56,8 @@ def state_as_json(state: State | None, t_ns: int, offset_ns: int = 0) -> dict[st
         "contested": state.contested,
         "moved": list(state.moved),
         "relocalisations": state.relocalisations,
+        "mount_deg": turned_deg,
+        "mount_deviations_deg": deviations_deg,
         "events": [asdict(event) | {"t_ns": event.t_ns - offset_ns} for event in state.events],
     }
 

@@ -62,6 +62,7 @@ class State:
     contested: bool  # another pose is possible
     moved: tuple[int, ...]  # panels that hang elsewhere than the map says
     relocalisations: int
+    mount_rad: Floats  # (2, 3) how far the camera is turned about x, y, z from where it is believed; deviations
     events: tuple[Event, ...]  # the last ones
 
 
@@ -190,6 +191,7 @@ class Estimator:
             contested=judge.rival is not None,
             moved=tuple(sorted(judge.moved)),
             relocalisations=judge.relocalisations,
+            mount_rad=read_only(own.mount),
             events=judge.events,
         )
 

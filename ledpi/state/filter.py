@@ -70,9 +70,9 @@ class Filter:
         return other
 
     def ahead(self) -> Filter:
-        """Copies the own part alone: enough to look ahead, and less to copy and to move."""
+        """Copies what is not of panels: enough to look ahead, and less to copy and to move."""
         other = copy(self)
-        other.x, other.P = self.x[:OWN].copy(), self.P[:OWN, :OWN].copy()
+        other.x, other.P = self.x[:FIRST].copy(), self.P[:FIRST, :FIRST].copy()
         return other
 
     @property
@@ -82,6 +82,11 @@ class Filter:
     @property
     def covariance(self) -> Floats:
         return self.P[:POSE, :POSE].copy()
+
+    @property
+    def mount(self) -> Floats:
+        """(2, 3): how far the camera is turned about x, y and z of base_link, and the deviations, in radians."""
+        return np.stack([self.x[OWN:FIRST], np.sqrt(self.P.diagonal()[OWN:FIRST])])
 
     def move_like(self, other: Filter) -> None:
         """Takes over what another knows of the motion, of odometry, and of the camera's mount."""

@@ -84,6 +84,9 @@ def test_a_camera_that_is_turned_is_found(mount_deg: tuple[float, float, float])
     assert np.hypot(*(state.pose[:2] - (1.5, 0.0))) < 0.01
     assert math.degrees(abs(state.pose[2])) == pytest.approx(180.0, abs=0.5)
     assert state.events == ()
+    turned, deviations = np.degrees(state.mount_rad)
+    assert turned == pytest.approx(mount_deg, abs=0.3)
+    assert (deviations < 0.5).all()
 
 
 def test_a_mount_that_is_off_by_more_than_it_may_is_named() -> None:
