@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
-import timeit
-from functools import partial
 
 import cv2
 import numpy as np
@@ -181,15 +178,3 @@ def test_a_picture_too_small_for_any_panel_holds_none(size: tuple[int, int]) -> 
     pixels = np.random.default_rng(1).integers(0, 256, size, np.uint8)
     frame = dataclasses.replace(Canvas().frame(), pixels=pixels)
     assert len(Finder(width, height, MIN_PX).find(frame)[0]) == 0
-
-
-def test_texture_costs_no_more_the_more_there_is_of_it() -> None:
-    """Squares of 18 px all over a picture: sixteen times as many take not much more than sixteen times as long."""
-    took_s = {}
-    for across in (15, 60):
-        picture = np.full((24 * across, 24 * across), 30, np.uint8)
-        picture.reshape(across, 24, across, 24)[:, 2:20, :, 2:20] = 200
-        finder, frame = Finder(*picture.shape, MIN_PX), dataclasses.replace(Canvas().frame(), pixels=picture)
-        assert len(finder.find(frame)[0]) > 0.8 * across**2
-        took_s[across] = min(timeit.repeat(partial(finder.find, frame), time.thread_time, number=1, repeat=7))
-    assert took_s[60] < 1.4 * 16 * took_s[15]
