@@ -140,7 +140,7 @@ class Looks:
 
 
 def turned_about_camera(pose: Floats, mount_rad: float) -> Floats:
-    """Where base_link (x, y, yaw) would be if the camera, which looks that far to the left, sat as is believed."""
+    """Returns where base_link (x, y, yaw) would be if the camera, which looks so far to the left, sat as believed."""
     x, y, yaw = pose.tolist()
     (ahead, left), turned = BASE_FROM_CAMERA[:2, 3], yaw + mount_rad
     x += ahead * (math.cos(yaw) - math.cos(turned)) - left * (math.sin(yaw) - math.sin(turned))

@@ -4,7 +4,7 @@
 
 #include "find.h"
 
-/* Of rows in which middles are: squares that are the same are in bands near each other. */
+/* Bands of rows for the middles of squares: those that are the same are in bands near each other. */
 enum { BANDS = 128, BAND_PX = 16 };
 
 static double cost(const Square *square, const Limits *limits) {
@@ -43,7 +43,7 @@ static int by_cost(const void *one, const void *other) {
 static ptrdiff_t band_at(double y) { return y < 0.0 ? 0 : y < BANDS * BAND_PX ? (ptrdiff_t)(y / BAND_PX) : BANDS - 1; }
 
 ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, Ranked *ranked, int64_t *kept) {
-    ptrdiff_t distinct = 0, bands[BANDS]; /* of each the square that was kept last, and of that the one before */
+    ptrdiff_t distinct = 0, bands[BANDS]; /* the square kept last in each; `before` leads on from there */
     for (ptrdiff_t i = 0; i < BANDS; i++) bands[i] = -1;
     for (ptrdiff_t i = 0; i < count; i++) {
         const double(*c)[2] = squares[i].corners;
