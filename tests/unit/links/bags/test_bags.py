@@ -465,7 +465,7 @@ def test_a_bag_that_is_cut_off_anywhere_is_read_up_to_there(bag: Path, tmp_path:
 
 
 def large_bag(path: Path, take: Path, megabytes: int, pictures: int) -> None:
-    """As many MB of another sensor's messages, with pictures of the take among them."""
+    """As many MB of another sensor's messages, with pictures of the take among them; and a message of no known kind."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     image, text = "sensor_msgs/msg/Image", "std_msgs/msg/String"
     entries = load_recording(take).frames
@@ -478,6 +478,7 @@ def large_bag(path: Path, take: Path, megabytes: int, pictures: int) -> None:
         for topic, kind in (("/lidar", text), ("/cam/image_raw", image)):
             definition = store.generate_msgdef(kind, ros_version=2)[0].encode()
             channels.append(writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", definition)))
+        writer.add_message(writer.register_channel("/notes", "cdr", 0), 0, b"", 0)
         for number in range(max(megabytes, pictures)):
             if number < megabytes:
                 writer.add_message(channels[0], number, cloud, number)
@@ -489,6 +490,13 @@ def large_bag(path: Path, take: Path, megabytes: int, pictures: int) -> None:
                 message = store.types[image](header, 480, 640, "mono8", 0, 640, picture.ravel())
                 writer.add_message(channels[1], number, store.serialize_cdr(message, image), number)
         writer.finish()
+
+
+def test_a_topic_that_says_nothing_of_its_kind_is_passed_over(tmp_path: Path, take: Path, run: Run) -> None:
+    """Beside pictures, which are read."""
+    bag, out = tmp_path / "bag.mcap", tmp_path / "out"
+    large_bag(bag, take, 1, 3)
+    assert run("import", bag, out, *OWN_ROW_TIME)[:2] == (0, f"{out}: 3 frames\n")
 
 
 def most_memory_kb(bag: Path, out: Path) -> int:
