@@ -35,6 +35,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from ledpi.camera.recording.reader import load_recording
 from ledpi.core.errors import RecordingError
+from ledpi.core.records import Decoded, Frame
+from ledpi.links.bags.bag_writer import BagWriter
 from ledpi.links.bags.contents import Compressed, Image, Info, checked, lens_of_info, luma_of_compressed, luma_of_image
 from ledpi.links.bags.reading import messages
 from tests.builders import ROOT
@@ -120,6 +122,21 @@ def test_mcap_reads_every_message_and_its_index(bag: Path) -> None:
     everywhere = ("/camera/image_raw/compressed", "/camera/camera_info", "/ledpi/detections", "/ledpi/decoded")
     assert {topic: counts[topic] for topic in everywhere} == dict.fromkeys(everywhere, FRAMES)
     assert len(decoded(bag)) == sum(counts.values())
+
+
+def test_a_frame_is_decoded_when_its_read_out_ends_on_either_clock(take: Path, tmp_path: Path) -> None:
+    """As a bag has no other time of it: 240.5 rows and half an exposure after the picture's middle was exposed."""
+    recording, bag = load_recording(take), tmp_path / "bag.mcap"
+    times: dict[str, Any] = {"seq": 0, "row0_readout_ns": 10**9, "host_offset_ns": 10**12}  # a camera on another clock
+    own: dict[str, Any] = {"exposure_us": 9966.32, "row_time_us": 33.67, "transfer": "srgb"}
+    frame = Frame(pixels=np.zeros((480, 640), np.uint8), **own, **times)
+    with BagWriter(bag, camera=recording.camera, dictionary="DICT_4X4_50", panel=recording.panel) as writer:
+        writer.write(frame)
+        writer.write_live(frame, Decoded(markers=(), robot=None, rejected=(), stage_ms={}, **times))
+    (message,) = decoded(bag, "/ledpi/decoded")
+    told = json.loads(message.data)
+    assert told["decoded_ns"] == 10**9 + 10**12 + 480 * 33670
+    assert told["decoded_ns"] - told["exposed_ns"] == pytest.approx(240.5 * 33670 + 9966.32e3 / 2, abs=1000)
 
 
 def test_rosbags_reads_pictures_lens_and_transforms(bag: Path, take: Path, tmp_path: Path) -> None:
