@@ -146,7 +146,7 @@ def test_a_loop_goes_on_in_seq_and_time(tmp_path: Path) -> None:
 
 
 def test_a_camera_that_was_upside_down_is_taken_for_one_unless_told_otherwise() -> None:
-    """What the configuration's default is does not matter: `--set` gives it."""
+    """The default of a configuration does not matter: `--set` gives it."""
     turned, size = replace(SOURCE, rows_from="below"), ("panels.side_m=0.3",)
     assert camera_with(load_config(None, size), turned).rows_from == "below"
     assert camera_with(load_config(None, (*size, "camera.rows_from=above")), turned).rows_from == "above"

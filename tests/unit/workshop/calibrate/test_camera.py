@@ -144,7 +144,7 @@ def test_no_good_view_is_left_out() -> None:
 
 
 def test_the_picture_shades_what_no_board_has_shown() -> None:
-    """Of twelve parts of 160 × 160 px all but the upper left one, where one view's corners are."""
+    """All of twelve parts of 160 × 160 px but the upper left one, where one view's corners are."""
     result = calibrate_camera(good_views(), BOARD, 640, 480)
     corners = np.array([[50.0, 50.0], [80.0, 50.0], [60.0, 80.0]])
     view = replace(result.used[0], corners_px=corners, residuals_px=np.zeros((3, 2)))
