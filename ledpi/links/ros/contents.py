@@ -191,7 +191,7 @@ def image_message(png: bytes, topic: str, stamp_ns: int, frame_id: str) -> Messa
 
 def _detection(marker: Values, names: Names, unix_offset_ns: int, side_m: float) -> Values:
     """One panel; a second hypothesis is its mirror pose, where that is not excluded."""
-    score = 1.0 / (1.0 + math.exp(-min(marker["margin"], 700.0)))  # of this ID against the best other explanation
+    score = 1.0 / (1.0 + math.exp(-marker["margin"]))  # of this ID against the best other explanation
     hypotheses = [
         {"hypothesis": {"class_id": str(marker["id"]), "score": score}, "pose": _with_covariance(pose)}
         for pose in (marker, marker["alternate"])

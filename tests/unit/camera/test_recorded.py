@@ -5,14 +5,16 @@ from __future__ import annotations
 import itertools
 import logging
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ledpi.camera.recorded import RecordingCamera
+from ledpi.camera.recorded import RecordingCamera, camera_with
 from ledpi.camera.recording.reader import load_recording
 from ledpi.camera.recording.writer import RecordingWriter
+from ledpi.config.settings import load_config
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelSpec, Rejected
 
 HEIGHT, WIDTH, ROW_US = 6, 8, 100.0
@@ -141,3 +143,10 @@ def test_a_loop_goes_on_in_seq_and_time(tmp_path: Path) -> None:
         (later.row0_readout_ns - earlier.row0_readout_ns) / 1e6 for earlier, later in itertools.pairwise(frames)
     ]
     assert steps_ms == [1, 2, 600, 1, 2, 600, 1, 2]
+
+
+def test_a_camera_that_was_upside_down_is_taken_for_one_unless_told_otherwise() -> None:
+    """The default of a configuration does not matter: `--set` gives it."""
+    turned, size = replace(SOURCE, rows_from="below"), ("panels.side_m=0.3",)
+    assert camera_with(load_config(None, size), turned).rows_from == "below"
+    assert camera_with(load_config(None, (*size, "camera.rows_from=above")), turned).rows_from == "above"

@@ -266,9 +266,11 @@ def test_what_was_saved_comes_back_to_the_byte(here: Path, robot: Path, ledpi: L
 def test_what_is_replaced_is_kept(here: Path, robot: Path, ledpi: Ledpi) -> None:
     """Beside it; and only its owner reads a backup, as the page's token is in it."""
     (robot / "markers.yaml").write_text("panels: {}\n")
-    assert ledpi("restore", "robot.ledpi", "--config", robot / "config.yaml").status == 0
+    done = ledpi("restore", "robot.ledpi", "--config", robot / "config.yaml")
+    assert done.status == 0, done.err
     assert (robot / "markers.yaml").read_text() == MAP
     assert (robot / "markers.yaml.bak-1").read_text() == "panels: {}\n"
+    assert f"{robot}/markers.yaml; the older one is {robot}/markers.yaml.bak-1\n" in done.out
     assert not (robot / "config.yaml.bak-1").exists()  # it was the same
     assert (here / "robot.ledpi").stat().st_mode & 0o077 == 0
 

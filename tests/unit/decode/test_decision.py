@@ -9,9 +9,11 @@ import pytest
 
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.records import Floats, PanelSpec, Rejected, Transfer
+from ledpi.decode.evidence.classes import band_shares
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
-from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.decision import FALSE_ID_RATE, Reading, decide
 from tests.builders.decode import (
     SHORT_US,
     SPEC,
@@ -118,6 +120,21 @@ def test_the_bands_depth_is_reported() -> None:
     assert isinstance(shown, Reading)
     expected = [4 / np.pi * abs(np.sinc(hz * TRUE_10_MS_US * 1e-6)) for hz in (1250, 2450)]
     np.testing.assert_allclose(shown.amplitude, expected, rtol=0.2)
+
+
+@pytest.mark.table
+@pytest.mark.parametrize(
+    ("black", "white", "is_read"),
+    [(1.0, 0.45, True), (1.0, 0.3, False), (0.3, 1.0, False), (0.3, 0.3, True), (0.2, 0.2, False), (1.7, 1.5, False)],
+)
+def test_no_panel_is_as_deep_as_that(black: float, white: float, is_read: bool) -> None:
+    """Bands of a panel are so deep as expected, or thinned alike; texture's are not."""
+    bands = band_shares(word(7).ravel().astype(np.float64), 4) * np.array([black, 0.0, white, 0.0]) * 0.1
+    information = np.zeros((16, 4, 16, 4))
+    information[range(16), :, range(16), :] = 1e5 * np.eye(4)
+    evidence = Evidence(score=1e5 * bands, information=information, prior=np.full(4, 0.1**2 / 2))
+    result = decide(evidence, ALL, FALSE_ID_RATE)
+    assert reading_of(result) == ((7, 0) if is_read else "identify.implausible_depth")
 
 
 def test_more_light_makes_a_surer_reading() -> None:

@@ -16,6 +16,7 @@ from ledpi.core.records import CameraInfo, Floats, PanelSpec
 from ledpi.decode.evidence.cells import Observation
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.light import LightWeigher
+from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.model.fit import FitOptions, Fitted, Fitter
 from ledpi.decode.model.light import Window
 from ledpi.workshop.evaluate.scoring import PanelReader
@@ -105,12 +106,16 @@ def test_in_antiphase_there_is_one_wave() -> None:
 
 
 def test_a_window_that_is_all_saturated_gives_none() -> None:
-    """There are no samples."""
+    """There are no samples; nor does a frame that is so after others."""
     panel = Panel(corners=projected(30.0))
     window = window_of(panel.light(), noise=NOISE)
     fitted = seen(panel, window)
     full = replace(window, light=np.ones_like(window.light))
-    assert LightWeigher(4, None).alone(fitted._replace(window=full), SPEC) is None
+    weigher = LightWeigher(4, None)
+    assert weigher.alone(fitted._replace(window=full), SPEC) is None
+    one, _ = PanelMemory(spec=SPEC).add_frame(fitted, weigher)
+    two, added = one.add_frame(fitted._replace(window=full), weigher)
+    assert (two.frames, added) == (2, None)
 
 
 @pytest.mark.slow

@@ -185,10 +185,10 @@ def test_a_fit_is_asked_where_it_has_gone_elsewhere() -> None:
 
 
 def test_a_fit_is_asked_where_a_part_leaves_the_picture() -> None:
-    """By a fifth of its width."""
-    near, beyond = square(52.0, 240.2, 90.0), square(27.0, 240.2, 90.0)
-    stream = Stream(near)
-    assert stream.follow(painted(near + 0.4, 1).frame(1), near) is not None
+    """A corner by a fifth of the diagonal, and not by 2 px."""
+    whole, near, beyond = (square(x, 240.2, 90.0, 45.0) for x in (70.0, 61.6, 38.0))
+    stream = Stream(whole)
+    assert stream.follow(painted(near, 1).frame(1), near) is not None
     assert stream.follow(painted(beyond, 2).frame(2), beyond) is None
 
 

@@ -8,6 +8,7 @@ import subprocess
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ledpi.config.outputs import OutputSettings
@@ -87,6 +88,8 @@ def test_several_panels_of_a_map_are_a_multi_tag_result() -> None:
     """The camera has its place on the field, from which a robot program has its own; by one panel there is none."""
     frame = decoded(3) | {"markers": [PANEL | {"reprojection_px": 0.2}], "robot": ROBOT}
     mount = mount_of(MOUNT)
+    assert mount_of({"camera_mount": {"position_m": [-0.192, -0.056, 0.3]}}).tolist() == mount.tolist()
+    assert mount_of({"camera_mount": None}).tolist() == np.eye(4).tolist()
     made = packet(frame, (64, 48), 1000, 31000, mount)
     alone = packet(frame | {"robot": ROBOT | {"panels_used": [7]}}, (64, 48), 1000, 31000, mount)
     there, result = made[len(alone) - 1], made[len(alone) :]

@@ -472,6 +472,20 @@ def test_one_viewer_too_many_is_told(site: Site, monkeypatch: pytest.MonkeyPatch
         small.close()
 
 
+def test_a_connection_that_breaks_is_no_fault_and_a_fault_is_told(
+    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Half a request, and a reset; then an answer that fails."""
+    with site.raw() as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        connection.sendall(_request("POST /api/save", "Content-Length: 10"))
+    monkeypatch.setattr(site.hub, "history", lambda: 1 // 0)
+    with pytest.raises(http.client.RemoteDisconnected):
+        site.ask("GET", "/api/history")
+    wait_until(lambda: "ZeroDivisionError" in caplog.text, "the fault")
+    assert caplog.text.count("a request failed") == 1
+
+
 def test_connections_that_drip_keep_nobody_out(site: Site) -> None:
     """Sixty of one address ask for nothing; of another address, and of the same one, a request is answered."""
     dripping = [socket.create_connection(("127.0.0.1", site.port), source_address=("127.0.0.2", 0)) for _ in range(60)]

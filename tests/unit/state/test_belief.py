@@ -105,3 +105,13 @@ def test_one_lucky_look_of_many_makes_no_witness() -> None:
         t_s = 1.0 + 0.05 * n
         heard(estimator, odometry(t_s), look(2, HERE, t_s, aside_m, mirror_rad=1.0))
         assert (state_at(estimator, t_s).panel_ns >= SECOND_NS) is (n >= 16)
+
+
+def test_a_gyro_that_turns_by_itself_is_not_used() -> None:
+    """The robot stands, and its wheels say so: panels show that it does not turn."""
+    estimator = Estimator(room(), SEAT)
+    for t_s in np.arange(0.0, 4.0, 0.05).tolist():
+        heard(estimator, odometry(t_s, yaw_rad=0.5 * t_s), look(1, HERE, t_s), look(2, HERE, t_s))
+    state = state_at(estimator, 4.0)
+    assert (state.by_odometry, state.events[-1].kind) == (False, "odometry_contradicts")
+    assert np.allclose(state.pose, HERE, atol=0.02)

@@ -44,6 +44,14 @@ def test_the_covariance_moves_by_the_slopes_of_the_motion(step: Step) -> None:
     assert np.allclose(P, P.T, atol=1e-12)
 
 
+def test_a_way_is_uncertain_along_itself() -> None:
+    """North-east by wheels that may be off by 4 cm: by as much that way, and by a quarter of it across."""
+    x, noise = np.zeros(OWN), np.zeros((OWN, OWN))
+    x[2] = math.pi / 4
+    propagate(x, noise, Step(0.1, 0.3, 0.0, way_variance=0.04**2))
+    assert np.allclose(noise[:2, :2] * 1e4, [[8.5, 7.5], [7.5, 8.5]])  # half the sum of 16 and 1, half what they differ
+
+
 def test_one_look_is_weighed_with_the_state_as_by_hand() -> None:
     """Ahead of a panel 4 m away, both certain but for the way: variances 4 and 1 make a fifth of the difference."""
     states = Filter(room(1e-9, 1e-9), (0.0, 0.0))

@@ -35,6 +35,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from ledpi.camera.recording.reader import load_recording
 from ledpi.core.errors import RecordingError
+from ledpi.core.records import Decoded, Frame
+from ledpi.links.bags.bag_writer import BagWriter
 from ledpi.links.bags.contents import Compressed, Image, Info, checked, lens_of_info, luma_of_compressed, luma_of_image
 from ledpi.links.bags.reading import messages
 from tests.builders import ROOT
@@ -120,6 +122,21 @@ def test_mcap_reads_every_message_and_its_index(bag: Path) -> None:
     everywhere = ("/camera/image_raw/compressed", "/camera/camera_info", "/ledpi/detections", "/ledpi/decoded")
     assert {topic: counts[topic] for topic in everywhere} == dict.fromkeys(everywhere, FRAMES)
     assert len(decoded(bag)) == sum(counts.values())
+
+
+def test_a_frame_is_decoded_when_its_read_out_ends_on_either_clock(take: Path, tmp_path: Path) -> None:
+    """As a bag has no other time of it: 240.5 rows and half an exposure after the picture's middle was exposed."""
+    recording, bag = load_recording(take), tmp_path / "bag.mcap"
+    times: dict[str, Any] = {"seq": 0, "row0_readout_ns": 10**9, "host_offset_ns": 10**12}  # a camera on another clock
+    own: dict[str, Any] = {"exposure_us": 9966.32, "row_time_us": 33.67, "transfer": "srgb"}
+    frame = Frame(pixels=np.zeros((480, 640), np.uint8), **own, **times)
+    with BagWriter(bag, camera=recording.camera, dictionary="DICT_4X4_50", panel=recording.panel) as writer:
+        writer.write(frame)
+        writer.write_live(frame, Decoded(markers=(), robot=None, rejected=(), stage_ms={}, **times))
+    (message,) = decoded(bag, "/ledpi/decoded")
+    told = json.loads(message.data)
+    assert told["decoded_ns"] == 10**9 + 10**12 + 480 * 33670
+    assert told["decoded_ns"] - told["exposed_ns"] == pytest.approx(240.5 * 33670 + 9966.32e3 / 2, abs=1000)
 
 
 def test_rosbags_reads_pictures_lens_and_transforms(bag: Path, take: Path, tmp_path: Path) -> None:
@@ -465,7 +482,7 @@ def test_a_bag_that_is_cut_off_anywhere_is_read_up_to_there(bag: Path, tmp_path:
 
 
 def large_bag(path: Path, take: Path, megabytes: int, pictures: int) -> None:
-    """As many MB of another sensor's messages, with pictures of the take among them."""
+    """As many MB of another sensor's messages, with pictures of the take among them; and a message of no known kind."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     image, text = "sensor_msgs/msg/Image", "std_msgs/msg/String"
     entries = load_recording(take).frames
@@ -478,6 +495,7 @@ def large_bag(path: Path, take: Path, megabytes: int, pictures: int) -> None:
         for topic, kind in (("/lidar", text), ("/cam/image_raw", image)):
             definition = store.generate_msgdef(kind, ros_version=2)[0].encode()
             channels.append(writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", definition)))
+        writer.add_message(writer.register_channel("/notes", "cdr", 0), 0, b"", 0)
         for number in range(max(megabytes, pictures)):
             if number < megabytes:
                 writer.add_message(channels[0], number, cloud, number)
@@ -489,6 +507,13 @@ def large_bag(path: Path, take: Path, megabytes: int, pictures: int) -> None:
                 message = store.types[image](header, 480, 640, "mono8", 0, 640, picture.ravel())
                 writer.add_message(channels[1], number, store.serialize_cdr(message, image), number)
         writer.finish()
+
+
+def test_a_topic_that_says_nothing_of_its_kind_is_passed_over(tmp_path: Path, take: Path, run: Run) -> None:
+    """Beside pictures, which are read."""
+    bag, out = tmp_path / "bag.mcap", tmp_path / "out"
+    large_bag(bag, take, 1, 3)
+    assert run("import", bag, out, *OWN_ROW_TIME)[:2] == (0, f"{out}: 3 frames\n")
 
 
 def most_memory_kb(bag: Path, out: Path) -> int:

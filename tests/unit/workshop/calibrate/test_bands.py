@@ -257,6 +257,7 @@ def test_advice_names_what_would_be_better() -> None:
         "the bands of 2500.0 Hz move",
         "camera.frame_duration_us: 2",
     ]
+    assert bad[1].endswith("holds 25.00 periods, and leaves 0% of the depth that 25.5 would")
     exposure_us, interval_us = (float(bad[i].split("_us: ")[1].split()[0]) for i in (2, 5))
     again = advice([1300.0, 2500.0], exposure_us=exposure_us, row_time_us=33.67, frame_interval_us=interval_us)
     assert again == []

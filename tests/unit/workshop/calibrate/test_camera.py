@@ -18,6 +18,7 @@ from ledpi.core.errors import CalibrationError
 from ledpi.core.lens import undistort
 from ledpi.workshop.calibrate.boards import Board, BoardView, Kind, find_board, other_board
 from ledpi.workshop.calibrate.camera import calibrate_camera
+from ledpi.workshop.calibrate.collecting import draw_coverage
 from ledpi.workshop.calibrate.files import write_keeping_old
 from tests.builders.boards import (
     BOARD,
@@ -140,6 +141,16 @@ def test_no_good_view_is_left_out() -> None:
     result = calibrate_camera(good_views(), BOARD, 640, 480)
     assert result.dropped == ()
     assert [view.name for view in result.used] == [f"{i:02}.png" for i in range(10)]
+
+
+def test_the_picture_shades_what_no_board_has_shown() -> None:
+    """All of twelve parts of 160 × 160 px but the upper left one, where one view's corners are."""
+    result = calibrate_camera(good_views(), BOARD, 640, 480)
+    corners = np.array([[50.0, 50.0], [80.0, 50.0], [60.0, 80.0]])
+    view = replace(result.used[0], corners_px=corners, residuals_px=np.zeros((3, 2)))
+    picture = draw_coverage(replace(result, used=(view,)))
+    parts = picture[155::160, 155::160]  # a pixel of each that nothing else is drawn on
+    assert (parts != parts[0, 0]).any(axis=2).tolist() == [[False, True, True, True], [True] * 4, [True] * 4]
 
 
 def test_k3_is_fitted_only_where_it_shows() -> None:

@@ -21,6 +21,7 @@ from ledpi.workshop.doctor import camera, checks, machine
 from ledpi.workshop.doctor.camera import findings_of, look
 from ledpi.workshop.doctor.checks import configuration, examine
 from ledpi.workshop.doctor.finding import Finding, bad, line, ok, unknown, verdict
+from tests.builders import ROOT
 from tests.builders.command import Run, in_process
 from tests.builders.faults import FAULTS, RIGHT, camera_of, config_of
 
@@ -41,6 +42,15 @@ def given(*settings: str) -> list[str]:
 
 
 # ---- The page
+
+
+def test_a_package_of_another_author_is_no_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`serial` is there, and not pyserial: what it is, and what to do."""
+    (tmp_path / "serial.py").touch()
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
+    found = machine.packages()
+    assert (found.state, found.stops_daemon) == ("bad", True)
+    assert found.said.startswith(f"serial cannot be used: {tmp_path}/serial.py: ")
 
 
 @pytest.mark.slow

@@ -228,6 +228,12 @@ def test_1250_hz_is_frozen_at_62_49_fps() -> None:
     assert re.fullmatch(r"1250 Hz is frozen at 62\.495 fps: it advances by 20\.0016 cycles a frame.* moves both", text)
 
 
+def test_a_cell_holds_fewer_periods_from_further_off() -> None:
+    """By hand: from 2 m 4 cm are 12.86 px at 643 px focal length, rows of 33.67 µs of a wave of 1250 Hz."""
+    assert task().periods_in_a_cell(1250.0, 2.0) == pytest.approx(0.541, abs=2e-3)
+    assert task().periods_in_a_cell(2500.0, 4.0) == pytest.approx(0.541, abs=2e-3)
+
+
 def test_drifting_oscillators_are_no_help_to_a_stream() -> None:
     """At 1 % a phase is lost from one frame to the next; at 100 ppm it is kept for a hundred."""
     assert task(tolerance=0.01).coherent_frames(2450.0, 504) == 1

@@ -98,7 +98,7 @@ def test_the_usual_supply_carries_three_leds_a_cell() -> None:
         (3.0, None, 0.02, r"--supply 3: .*must be --supply 5$"),
         (60.0, None, 0.02, "at most 48 V"),  # to touch
         (24.0, 1, 1.0, r"resistor would turn 19\.7 W into heat; .* \(--leds 6\)"),
-        (12.0, None, 3.0, "less current"),
+        (12.0, None, 3.0, r"must be nearer to 11\.1 V, or less current"),  # 3 · 3.2 V and 3 · ½ V
     ],
 )
 def test_a_supply_that_will_not_do_is_refused(supply_v: float, leds: int | None, current_a: float, says: str) -> None:
