@@ -16,7 +16,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.records import Floats, PanelMap
-from ledpi.state.inputs import DRIFT, OWN, POSE, PRIORS, WAY_SCALE, YAW, YAW_SCALE, Look, Step, X, Y, propagate, wrapped
+from ledpi.state.inputs import (
+    DRIFT,
+    MEASURED_SPEED,
+    MEASURED_TURN,
+    OWN,
+    POSE,
+    PRIORS,
+    SPEED,
+    TURN,
+    WAY_SCALE,
+    YAW,
+    YAW_SCALE,
+    Look,
+    Step,
+    X,
+    Y,
+    propagate,
+    wrapped,
+)
 
 DX, DY, DYAW, RANGE = range(4)
 EACH, MOST_PANELS = 4, 8
@@ -107,25 +125,20 @@ class Filter:
     def start(self, look: Look) -> None:
         """Begins anew at the pose that one panel gives, correlated with what is not known of the panel and the mount.
 
-        yaw = z₃ + dyaw − turned; q = seat + v/(1 + range) is the panel's place in base_link, where v is z − seat turned
-        by the mount's three; x, y = m + d − R(yaw)·q.
+        yaw = z₃ + dyaw − turned; x, y = m + d − R(yaw)·(seat + v), where v (`_seen`) is the panel from the camera.
         """
-        at, z, seat = self._slot(look), look.pose.value, np.array(self._seat)
-        roll, pitch, turned = self.x[OWN:FIRST].tolist()
-        d, above = self.x[at : at + EACH], look.above_m
-        (ahead, left), g = z[:2] - seat, 1.0 + d[RANGE]
-        v = np.array([ahead - turned * left + pitch * above, left + turned * ahead - roll * above])
-        yaw = wrapped(z[2] + d[DYAW] - turned)
+        at, seat = self._slot(look), np.array(self._seat)
+        seen, by_seen = self._seen(look, at)
+        yaw = wrapped(seen[2])
         turn = _rotation(yaw)
-        arm = turn @ (seat + v / g)
-        by_look, by_panel, by_mount = np.zeros((3, 3)), np.zeros((3, EACH)), np.zeros((3, 3))
-        by_look[:2, :2], by_panel[:2, :2] = -turn / g, np.eye(2)
-        by_look[:, 2] = by_panel[:, DYAW] = arm[1], -arm[0], 1.0
-        by_panel[:2, RANGE] = turn @ v / g**2
-        by_mount[:2] = -turn @ [[0.0, above, -left], [-above, 0.0, ahead]] / g
-        by_mount[:, 2] -= by_look[:, 2]
-        slopes, others = np.hstack([by_mount, by_panel]), [ROLL, PITCH, TURNED, *range(at, at + EACH)]
-        self.x[:POSE] = *(self._places[look.panel] + d[:2] - arm), yaw
+        arm = turn @ (seat + seen[:2])
+        slopes = np.vstack([-turn @ by_seen[:2], by_seen[2:]])
+        slopes[:2] += np.outer([arm[1], -arm[0]], by_seen[2])
+        by_look = np.eye(3)
+        by_look[:2, :2], by_look[:2, 2] = -turn, (arm[1], -arm[0])
+        slopes[:2, 3:5] += np.eye(2)
+        others = [ROLL, PITCH, TURNED, *range(at, at + EACH)]
+        self.x[:POSE] = *(self._places[look.panel] + self.x[at : at + 2] - arm), yaw
         self.P[:POSE] = slopes @ self.P[others]
         self.P[:, :POSE] = self.P[:POSE].T
         self.P[:POSE, :POSE] = self.P[:POSE, others] @ slopes.T + by_look @ look.pose.covariance @ by_look.T
@@ -151,20 +164,28 @@ class Filter:
     def update(self, innovation: Innovation) -> None:
         """Corrects the state: x += K·e, P −= K·S·Kᵀ with K = P·Hᵀ·S⁻¹; by a root of S⁻¹, so that P stays symmetric.
 
-        A correction c moves the pose along an arc, r += sinc(c_yaw/2)·R(c_yaw/2)·c_xy, and turns P with the robot: how
-        far that is off, as it sees it, stays. Else each correction of the yaw would make a distance tell something of
-        it: the error of an invariant filter (Barrau & Bonnabel, IEEE Trans. Automatic Control, 2017).
+        A correction c moves the pose along an arc, r += sinc(a/2)·R(a/2)·c_xy, where a is how far it turns the camera,
+        and turns P with it: how far the robot is off, as it sees it, stays. Else each correction of the yaw would make
+        a distance tell something of it: the error of an invariant filter (Barrau & Bonnabel, IEEE Trans. Automatic
+        Control, 2017). While the robot stands the mount is only considered (Schmidt): nothing tells it from the pose.
         """
         root = np.linalg.inv(np.linalg.cholesky(innovation.covariance))
         gain = root @ innovation.cross
         change = (root @ innovation.error) @ gain
-        yaw = change[YAW]
-        change[:2] = np.sinc(yaw / math.tau) * _rotation(yaw / 2) @ change[:2]
+        turn = change[YAW] + change[TURNED]
+        change[:2] = np.sinc(turn / math.tau) * _rotation(turn / 2) @ change[:2]
+        mount = self.P[OWN:FIRST, OWN:FIRST].copy()
+        self.P -= gain.T @ gain
+        if not self._moves:
+            change[OWN:FIRST], self.P[OWN:FIRST, OWN:FIRST] = 0.0, mount
         self.x += change
         self.x[YAW] = wrapped(self.x[YAW])
-        self.P -= gain.T @ gain
-        self.P[:2] = _rotation(yaw) @ self.P[:2]
-        self.P[:, :2] = self.P[:, :2] @ _rotation(yaw).T
+        self.P[:2] = _rotation(turn) @ self.P[:2]
+        self.P[:, :2] = self.P[:, :2] @ _rotation(turn).T
+
+    @property
+    def _moves(self) -> bool:
+        return bool(abs(self.x[SPEED]) > MEASURED_SPEED or abs(self.x[TURN]) > MEASURED_TURN)
 
     def contradicts_map(self, panel: int) -> bool:
         """Tells whether a panel's place or share is beyond what the priors allow."""
@@ -184,27 +205,41 @@ class Filter:
             abs(self.x[WAY_SCALE]) > CONTRADICTS * PRIORS[WAY_SCALE] or abs(self.x[YAW_SCALE]) > CONTRADICTS * yaw
         )
 
+    def _seen(self, look: Look, at: int) -> tuple[Floats, Floats]:
+        """The panel from the camera, and the heading, without what they err by; slopes by the mount's and panel's.
+
+        v = R(turned)·((1 − range)·(z − seat) + above·(pitch, −roll)), and z₃ + dyaw − turned. Slopes are of what was
+        seen, not of what is believed: else a belief that is wrong would have looks prove it.
+        """
+        z, above = look.pose.value[:2] - self._seat, look.above_m
+        roll, pitch, turned = self.x[OWN:FIRST].tolist()
+        dyaw, share = self.x[at + DYAW : at + EACH].tolist()
+        turn = _rotation(turned)
+        v = turn @ ((1.0 - share) * z + above * np.array([pitch, -roll]))
+        slopes = np.zeros((3, 3 + EACH))
+        slopes[:2, 0], slopes[:2, 1], slopes[:2, 2] = -above * turn[:, 1], above * turn[:, 0], (-v[1], v[0])
+        slopes[:2, 3 + RANGE] = -turn @ z
+        slopes[2, 2], slopes[2, 3 + DYAW] = -1.0, 1.0
+        return np.array([*v, float(look.pose.value[2]) + dyaw - turned]), slopes
+
     def _predict(self, look: Look, at: int) -> tuple[Floats, Floats]:
         """The look at a panel that is predicted, and its slopes by x, y, yaw, the mount's three and the panel's four.
 
-        q = R(−yaw)·(m + d − r) is its place in base_link; seen is seat + (1 + range)·(q − seat), turned back by the
-        mount's three, and yaw − dyaw + turned.
+        q = R(−yaw)·(m + d − r) is its place in base_link; of a look z there is left z − v (`_seen`).
         """
-        (east, north), (seat_x, seat_y) = self._places[look.panel], self._seat
+        seen, by_seen = self._seen(look, at)
+        (east, north), seat = self._places[look.panel], np.array([*self._seat, 0.0])
         x, y, yaw = self.x[:POSE].tolist()
-        roll, pitch, turned = self.x[OWN:FIRST].tolist()
-        dx, dy, dyaw, share = self.x[at : at + EACH].tolist()
-        c, s, g, above = math.cos(yaw), math.sin(yaw), 1.0 + share, look.above_m
+        dx, dy = self.x[at : at + 2].tolist()
+        c, s = math.cos(yaw), math.sin(yaw)
         east, north = east + dx - x, north + dy - y
-        qx, qy = c * east + s * north, c * north - s * east
-        rx, ry = qx - seat_x, qy - seat_y
-        H = np.array([
-            [-g * c, -g * s, g * qy, 0.0, -above, g * ry, g * c, g * s, 0.0, rx],
-            [g * s, -g * c, -g * qx, above, 0.0, -g * rx, -g * s, g * c, 0.0, ry],
-            [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0],
-        ])  # fmt: skip
-        seen = g * rx + turned * g * ry - pitch * above, g * ry - turned * g * rx + roll * above
-        return np.array([seat_x + seen[0], seat_y + seen[1], yaw - dyaw + turned]), H
+        H = np.zeros((3, 10))
+        qx, qy = (seen[:2] + self._seat).tolist()
+        H[:, :3] = [-c, -s, qy], [s, -c, -qx], [0.0, 0.0, 1.0]
+        H[:, 3:] = -by_seen
+        H[:2, 6:8] = [c, s], [-s, c]
+        believed = np.array([c * east + s * north, c * north - s * east, yaw])
+        return look.pose.value + believed - seat - seen, H
 
     def _slot(self, look: Look) -> int:
         """Returns where a panel's numbers are, aged to this look. The panel unseen longest leaves for a new one.

@@ -7,7 +7,20 @@ import pytest
 
 from ledpi.state.estimator import Estimator
 from ledpi.state.inputs import Odometry
-from tests.builders.state import RATE, SEAT, SECOND_NS, drive, heard, look, odometry, on_circle, room, state_at, still
+from tests.builders.state import (
+    FACES,
+    RATE,
+    SEAT,
+    SECOND_NS,
+    drive,
+    heard,
+    look,
+    odometry,
+    on_circle,
+    room,
+    state_at,
+    still,
+)
 
 HERE, THERE = (0.0, 0.0, 0.0), (1.0, -1.0, 1.0)
 
@@ -104,7 +117,17 @@ def test_one_lucky_look_of_many_makes_no_witness() -> None:
     for n, aside_m in enumerate([*[0.24] * 10, 0.18, *[0.0] * 7]):
         t_s = 1.0 + 0.05 * n
         heard(estimator, odometry(t_s), look(2, HERE, t_s, aside_m, mirror_rad=1.0))
-        assert (state_at(estimator, t_s).panel_ns >= SECOND_NS) is (n >= 16)
+        assert (state_at(estimator, t_s).panel_ns >= SECOND_NS) is (n >= 15)
+
+
+def test_a_panel_that_creeps_away_does_not_take_the_robot_along() -> None:
+    """By 5 mm a second, while it stands: no mount explains that more and more."""
+    estimator = Estimator(room(), SEAT)
+    for t_s in np.arange(0.0, 12.0, 0.05).tolist():
+        heard(estimator, odometry(t_s), *(look(i, HERE, t_s, 0.005 * t_s if i == 3 else 0.0) for i in FACES))
+    state = state_at(estimator, 12.0)
+    assert np.hypot(*(state.pose[:2] - HERE[:2])) < 0.05
+    assert not state.mount_rad[0].any()  # of a robot that stands nothing shows it
 
 
 def test_a_gyro_that_turns_by_itself_is_not_used() -> None:
