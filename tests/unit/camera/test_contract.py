@@ -155,6 +155,12 @@ def test_close_is_safe_twice_and_ends_the_frames(camera: Camera) -> None:
 
 
 @pytest.mark.parametrize("name", PACED)
+def test_one_offset_relates_a_paced_clock_to_the_host_s(name: str, tmp_path: Path) -> None:
+    """To CLOCK_MONOTONIC: whoever reads may reckon with it."""
+    assert len({frame.host_offset_ns for frame in all_frames(OPENERS[name](tmp_path, None))}) == 1
+
+
+@pytest.mark.parametrize("name", PACED)
 def test_close_from_another_thread_ends_a_waiting_read(name: str, tmp_path: Path) -> None:
     """The daemon stops although no frame comes."""
     camera = OPENERS[name](tmp_path, FAR_S)

@@ -13,7 +13,7 @@ from ledpi.camera.factory import open_camera
 from ledpi.camera.recorded import RecordingCamera
 from ledpi.camera.recording.writer import RecordingWriter
 from ledpi.config.settings import Config
-from ledpi.core.errors import CameraError, LedpiError, RecordingError
+from ledpi.core.errors import CameraError
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
 from tests.builders import ROOT
 
@@ -56,37 +56,11 @@ def test_a_number_of_frames_repeats_a_shorter_recording(folder: Path) -> None:
         assert sum(1 for _ in iter(lambda: camera.read(into), None)) == expected  # noqa: B023
 
 
-def test_a_recording_that_is_not_there_is_named(tmp_path: Path) -> None:
-    """The error is the recording's own, with the path."""
-    with pytest.raises(RecordingError, match=r"nowhere/recording.yaml: is missing"):
-        open_camera(config(f"recording:{tmp_path}/nowhere"))
-
-
-def test_row_time_and_transfer_reach_the_simulated_camera() -> None:
-    """Gives the camera those of the configuration, where it has them."""
-    camera = open_camera(config("simulated", row_time_us=31.75, transfer="linear"), paced=False, frames=1)
-    assert (camera.info.row_time_us, camera.info.transfer) == (31.75, "linear")
-    camera.close()
-
-
 @pytest.mark.parametrize("options", [{"paced": False}, {"frames": 3}])
 def test_a_device_has_its_own_pace_and_no_end(options: dict[str, int]) -> None:
     """Refuses for a device what only a replay can do, rather than pass it over in silence."""
     with pytest.raises(CameraError, match=r"^--frames, --unpaced: only for .*, not picamera2$"):
         open_camera(config("picamera2"), **options)  # type: ignore[arg-type]
-
-
-def test_an_absent_v4l2_device_is_named() -> None:
-    """The device's path reaches it."""
-    with pytest.raises(LedpiError, match="/dev/video77"):
-        open_camera(config("v4l2:/dev/video77", row_time_us=30.0))
-
-
-def test_all_frequencies_of_all_panels_count() -> None:
-    """A panel that differs has its own frequencies, and the frame period must suit them too."""
-    values = {"side_m": 0.16, "overrides": {7: {"black_hz": 1262.0}, 9: {"white_hz": 3000.0}}}
-    panels = Config.model_validate({"panels": values}).panels
-    assert panels.frequencies_hz() == (1250.0, 1262.0, 2450.0, 3000.0)
 
 
 @pytest.mark.slow

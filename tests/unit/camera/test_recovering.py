@@ -94,12 +94,6 @@ def test_a_camera_whose_frames_are_all_unfit_is_opened_again() -> None:
     assert first.closed == 1
 
 
-def test_a_camera_that_was_never_there_is_an_error_at_once() -> None:
-    """Whoever starts the daemon sees it; the service manager tries again."""
-    with pytest.raises(CameraLostError, match="no camera found"):
-        RecoveringCamera(opens(ABSENT))
-
-
 def test_it_is_given_up_after_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
     """Counts from the last frame, not from the last opening; the last reason is told, and for how long."""
     monkeypatch.setattr(recovering, "DEADLINE_S", 0.05)
