@@ -22,7 +22,7 @@ EXCERPT = {
 
 
 def test_tone_and_colours_are_straight_and_nothing_else_is_changed() -> None:
-    """A straight line over all 16 bits, no adaptation, no mixing of channels; the black level and the file given stay."""
+    """A straight line over all 16 bits, no adaptation, no mixing of channels; black level and file stay."""
     before = copy.deepcopy(EXCERPT)
     linear = linear_tuning(EXCERPT)
     assert before == EXCERPT

@@ -232,20 +232,15 @@ def grey_png() -> bytes:
 def test_a_picture_that_is_cut_or_changed_anywhere_is_noticed(tmp_path: Path) -> None:
     """A whole one arrives in the caller's array; of one that is cut, or has a wrong byte, nothing does."""
     whole, path, into = grey_png(), tmp_path / "p.png", np.full((6, 8), 99, np.uint8)
-    for position, byte in enumerate(whole):
-        for damaged, reasons in (
-            (whole[:position], {"truncated"}),
-            (
-                whole[:position] + bytes([byte ^ 0x10]) + whole[position + 1 :],
-                {"truncated", "unreadable", "wrong_size"},
-            ),
-        ):
-            path.write_bytes(damaged)
-            bad = read_picture(path, into)
-            assert bad is not None, position
-            assert (bad.rejected.stage, bad.rejected.reason in reasons) == ("capture", True), bad.message
-            assert bad.message.startswith(f"{path}: ")
-            assert (into == 99).all()
+    cut = [whole[:length] for length in range(len(whole))]
+    for damaged in (*cut, *(whole[:at] + bytes([byte ^ 0x10]) + whole[at + 1 :] for at, byte in enumerate(whole))):
+        path.write_bytes(damaged)
+        bad = read_picture(path, into)
+        assert bad is not None, damaged
+        assert bad.rejected.stage == "capture"
+        assert bad.rejected.reason == "truncated" or damaged not in cut, (damaged, bad.message)
+        assert bad.message.startswith(f"{path}: ")
+        assert (into == 99).all()
     path.write_bytes(whole)
     assert read_picture(path, into) is None
     assert np.array_equal(into, PICTURE)

@@ -11,8 +11,7 @@ import pytest
 from ledpi.core.records import Floats, Pixels
 from ledpi.workshop.calibrate.boards import Board, BoardFinder, other_board, recognise
 from tests.builders.boards import charuco_pictures
-from tests.builders.command import Run as Command
-from tests.builders.command import in_process
+from tests.builders.command import Run
 
 SQUARE_PX = 60
 
@@ -83,19 +82,15 @@ def test_a_picture_without_markers_shows_no_board() -> None:
 
 
 @pytest.mark.slow
-def test_hidden_and_broken_files_are_no_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_hidden_and_broken_files_are_no_end(ledpi: Run, tmp_path: Path) -> None:
     """Passes over what a Mac leaves beside pictures; a broken picture is named and left out."""
-    monkeypatch.chdir(tmp_path)
-    run: Command = in_process(monkeypatch, capsys, "calibrate", "camera")
     folder = tmp_path / "views"
     folder.mkdir()
     for number, picture in enumerate(charuco_pictures()):
         cv2.imwrite(str(folder / f"{number:02}.png"), picture)
     (folder / "._00.png").write_bytes(b"\0\5\x16\7")
     (folder / "05b.png").write_bytes((folder / "05.png").read_bytes()[:2000])
-    status, out, err = run("views", "--cols", "6", "--rows", "5")
+    status, out, err = ledpi("calibrate", "camera", "views", "--cols", "6", "--rows", "5")
     assert status == 0, err
     assert "05b.png: is not a picture that can be decoded; it is left out" in err
     assert "._00" not in out + err
