@@ -96,7 +96,7 @@ def test_a_rendered_camera_is_asked_back(pictures: Path, command: Run) -> None:
     ("out", "message"),
     [
         ("no/camera.yaml", "no/camera.yaml: cannot be written: No such file or directory"),
-        (".", ".: is a folder; must be the file to write"),
+        ("folder", "folder: is a folder; must be the file to write"),
         ("camera.png", "camera.png: must not end in .png: a picture of that name is written beside it"),
     ],
 )
@@ -104,6 +104,7 @@ def test_what_cannot_be_written_is_reported_before_anything_is_measured(
     command: Run, pictures: Path, out: str, message: str
 ) -> None:
     """Who has held a board for minutes should not lose that."""
+    Path("folder").mkdir()
     assert command(pictures, "--out", out) == (2, "", f"ledpi: {message}\n")
     assert not [*Path().glob("*.new"), *Path().glob(".*.new")]
 

@@ -150,7 +150,7 @@ def test_a_row_time_that_the_driver_misreports_is_written(command: Run, simulate
     assert status == 0
     assert "the driver misreports its row time by +6.0%" in out
     assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(31.75, rel=2e-3)
-    assert re.search(r"shutter .*, measured 31\.7", command("calibrate")[1])
+    assert re.search(r"shutter .*; measured 31\.7", command("calibrate")[1])
 
 
 @pytest.mark.slow
