@@ -117,15 +117,7 @@ def test_cells_have_walls_hot_spots_and_gains() -> None:
     plain = panel(standing(z_m=0.4), appearance=appearance)
     gains = np.ones((4, 4))
     gains[0, 0] = 0.5
-    uneven = type(plain)(
-        codeword=plain.codeword,
-        spec=plain.spec,
-        motion=plain.motion,
-        marker_id=7,
-        appearance=appearance,
-        brightness=0.4,
-        cell_gains=gains,
-    )
+    uneven = dataclasses.replace(plain, cell_gains=gains)
     camera = sensor(PINHOLE, psf_sigma_px=0.3)
     light, weak = (Renderer(dark_scene(p, camera=camera), seed=5).light(0) for p in (plain, uneven))
     assert light[144, 256] == 0.0  # on the wall between the first two cells of the top row
