@@ -97,16 +97,14 @@ def told(body: bytes) -> dict[str, Any]:
 
 @pytest.fixture
 def daemon(tmp_path: Path) -> Iterator[MadeUpDaemon]:
-    made = MadeUpDaemon(tmp_path / "tap.sock")
-    yield made
-    made.close()
+    with closing(MadeUpDaemon(tmp_path / "tap.sock")) as made:
+        yield made
 
 
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[Site]:
-    made = Site(tmp_path / "tap.sock")
-    yield made
-    made.close()
+    with closing(Site(tmp_path / "tap.sock")) as made:
+        yield made
 
 
 # ---- What it gives
@@ -247,12 +245,9 @@ def test_a_daemon_that_comes_back_is_followed_again(site: Site, daemon: MadeUpDa
     assert site.state_once("up")["link"]["starts"] == 1
     daemon.close()
     assert "ended" in site.state_once("down")["link"]["says"]
-    again = MadeUpDaemon(tmp_path / "tap.sock")
-    try:
+    with closing(MadeUpDaemon(tmp_path / "tap.sock")):
         assert site.state_once("up")["link"]["starts"] == 2
         assert site.frame()["seq"] > 0
-    finally:
-        again.close()
 
 
 @pytest.mark.parametrize("panel_map", [None, {"7": HERE | {"side_m": 0.16}}])
@@ -264,13 +259,10 @@ def test_what_another_map_has_told_is_not_drawn_in_this_one(
     wait_until(lambda: site.ask("GET", "/api/history").json()["track"])
     daemon.close()
     site.state_once("down")
-    again = MadeUpDaemon(tmp_path / "tap.sock", hello={"map": panel_map}, frame_s=3600.0)
-    try:
+    with closing(MadeUpDaemon(tmp_path / "tap.sock", hello={"map": panel_map}, frame_s=3600.0)):
         state = site.state_once("up")
         assert bool(state["panels"]) == bool(site.ask("GET", "/api/history").json()["track"]) == (panel_map is None)
         assert panel_map is None or state["robot"] is None
-    finally:
-        again.close()
 
 
 @pytest.mark.parametrize(
@@ -439,8 +431,7 @@ def test_bytes_that_drip_hold_no_connection(site: Site, monkeypatch: pytest.Monk
 def test_one_viewer_too_many_is_told(site: Site, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """503; when another has gone, there is room again."""
     monkeypatch.setattr(connections, "MOST", 2)
-    small = Site(tmp_path / "other.sock")
-    try:
+    with closing(Site(tmp_path / "other.sock")) as small:
         first, second = small.raw(), small.raw()
         for connection in (first, second):
             connection.sendall(_request("GET /api/history"))
@@ -456,8 +447,6 @@ def test_one_viewer_too_many_is_told(site: Site, monkeypatch: pytest.MonkeyPatch
 
         wait_until(served, "the place that was given back")
         second.close()
-    finally:
-        small.close()
 
 
 def test_connections_that_drip_keep_nobody_out(site: Site) -> None:
