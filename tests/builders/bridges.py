@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from ledpi.links.target import Target, TargetLostError
 from tests.builders import ROOT
@@ -27,12 +27,6 @@ PASSWORD = "correct-horse"
 MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 
 
-class Got(Protocol):
-    """Frames that have arrived: (when, CLOCK_MONOTONIC ns; the frame's seq; its age in µs as it was told)."""
-
-    frames: list[tuple[int, int, int]]
-
-
 class Far:
     """A far end. `settings`: what `outputs` holds to reach it."""
 
@@ -41,7 +35,7 @@ class Far:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.frames: list[tuple[int, int, int]] = []
+        self.frames: list[tuple[int, int, int]] = []  # when (CLOCK_MONOTONIC ns), seq, and age in µs as it was told
 
     @property
     def settings(self) -> dict[str, Any]:

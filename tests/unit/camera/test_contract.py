@@ -18,10 +18,10 @@ import pytest
 
 from ledpi.camera.base import Camera
 from ledpi.camera.factory import open_camera
-from ledpi.camera.recording.writer import RecordingWriter
 from ledpi.config.settings import Config
-from ledpi.core.records import CameraInfo, Frame, PanelSpec, Pixels
+from ledpi.core.records import Frame, PanelSpec, Pixels
 from tests.builders import DEADLINE_S
+from tests.unit.camera.test_recorded import recorded
 
 FRAMES = 4
 FAR_S = 10.0  # the longest that may be asked for: it does not come while a test waits
@@ -33,21 +33,9 @@ def configured(source: str, **camera: object) -> Config:
 
 
 def open_recording(folder: Path, wait_s: float | None, *, paced: bool) -> Camera:
-    source = CameraInfo(width=64, height=48, exposure_us=150.0, row_time_us=33.67, transfer="srgb")
-    panel = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-    step_ns = round((0.02 if wait_s is None else wait_s) * 1e9)
-    with RecordingWriter(folder / "take", camera=source, dictionary="DICT_4X4_50", panel=panel) as recorder:
-        for seq in range(FRAMES):
-            frame = Frame(
-                pixels=np.full((48, 64), 10 + seq, np.uint8),
-                seq=seq,
-                row0_readout_ns=seq * step_ns,
-                exposure_us=150.0,
-                row_time_us=33.67,
-                transfer="srgb",
-            )
-            recorder.write(frame)
-    return open_camera(configured(f"recording:{folder / 'take'}"), paced=paced)
+    step_ms = 20 if wait_s is None else round(wait_s * 1000)
+    take = recorded(folder / "take", [seq * step_ms for seq in range(FRAMES)])
+    return open_camera(configured(f"recording:{take}"), paced=paced)
 
 
 def open_simulated(folder: Path, wait_s: float | None, *, paced: bool) -> Camera:
@@ -152,6 +140,12 @@ def test_close_is_safe_twice_and_ends_the_frames(camera: Camera) -> None:
     camera.close()
     camera.close()
     assert camera.read(slot_for(camera)) is None
+
+
+@pytest.mark.parametrize("name", PACED)
+def test_one_offset_relates_a_paced_clock_to_the_host_s(name: str, tmp_path: Path) -> None:
+    """To CLOCK_MONOTONIC: whoever reads may reckon with it."""
+    assert len({frame.host_offset_ns for frame in all_frames(OPENERS[name](tmp_path, None))}) == 1
 
 
 @pytest.mark.parametrize("name", PACED)

@@ -11,82 +11,34 @@ import pytest
 
 from ledpi.camera.factory import open_camera
 from ledpi.camera.recorded import RecordingCamera
-from ledpi.camera.recording.writer import RecordingWriter
-from ledpi.config.settings import Config
-from ledpi.core.errors import CameraError, LedpiError, RecordingError
-from ledpi.core.records import CameraInfo, Frame, PanelSpec
+from ledpi.core.errors import CameraError
 from tests.builders import ROOT
+from tests.unit.camera.test_contract import configured
+from tests.unit.camera.test_recorded import recorded
 
 
-def config(source: str, **camera: object) -> Config:
-    return Config.model_validate({"camera": {"source": source, **camera}, "panels": {"side_m": 0.16}})
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A recording of two frames with 31.75 µs rows, linear."""
-    source = CameraInfo(width=8, height=6, exposure_us=150.0, row_time_us=31.75, transfer="linear")
-    panel = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-    with RecordingWriter(tmp_path / "take", camera=source, dictionary="DICT_4X4_50", panel=panel) as recorder:
-        for seq in range(2):
-            frame = Frame(
-                pixels=np.zeros((6, 8), np.uint8),
-                seq=seq,
-                row0_readout_ns=seq,
-                exposure_us=150.0,
-                row_time_us=31.75,
-                transfer="linear",
-            )
-            recorder.write(frame)
-    return tmp_path / "take"
-
-
-def test_a_recording_s_values_override_the_configuration_s(folder: Path) -> None:
+def test_a_recording_s_values_override_the_configuration_s(tmp_path: Path) -> None:
     """Row time and transfer of the configuration do not reach a recording, which knows its own."""
-    camera = open_camera(config(f"recording:{folder}", row_time_us=20.0, transfer="srgb"), paced=False)
+    take = recorded(tmp_path / "take", [0])
+    camera = open_camera(configured(f"recording:{take}", row_time_us=20.0, transfer="srgb"), paced=False)
     assert isinstance(camera, RecordingCamera)
-    assert (camera.info.row_time_us, camera.info.transfer) == (31.75, "linear")
+    assert (camera.info.row_time_us, camera.info.transfer) == (100.0, "linear")
 
 
-def test_a_number_of_frames_repeats_a_shorter_recording(folder: Path) -> None:
+def test_a_number_of_frames_repeats_a_shorter_recording(tmp_path: Path) -> None:
     """Two recorded frames, five asked for: five come, then the end. Without a number: two."""
+    take = recorded(tmp_path / "take", [0, 1])
     for frames, expected in [(5, 5), (1, 1), (None, 2)]:
-        camera = open_camera(config(f"recording:{folder}"), paced=False, frames=frames)
+        camera = open_camera(configured(f"recording:{take}"), paced=False, frames=frames)
         into = np.zeros((6, 8), np.uint8)
         assert sum(1 for _ in iter(lambda: camera.read(into), None)) == expected  # noqa: B023
-
-
-def test_a_recording_that_is_not_there_is_named(tmp_path: Path) -> None:
-    """The error is the recording's own, with the path."""
-    with pytest.raises(RecordingError, match=r"nowhere/recording.yaml: is missing"):
-        open_camera(config(f"recording:{tmp_path}/nowhere"))
-
-
-def test_row_time_and_transfer_reach_the_simulated_camera() -> None:
-    """Gives the camera those of the configuration, where it has them."""
-    camera = open_camera(config("simulated", row_time_us=31.75, transfer="linear"), paced=False, frames=1)
-    assert (camera.info.row_time_us, camera.info.transfer) == (31.75, "linear")
-    camera.close()
 
 
 @pytest.mark.parametrize("options", [{"paced": False}, {"frames": 3}])
 def test_a_device_has_its_own_pace_and_no_end(options: dict[str, int]) -> None:
     """Refuses for a device what only a replay can do, rather than pass it over in silence."""
     with pytest.raises(CameraError, match=r"^--frames, --unpaced: only for .*, not picamera2$"):
-        open_camera(config("picamera2"), **options)  # type: ignore[arg-type]
-
-
-def test_an_absent_v4l2_device_is_named() -> None:
-    """The device's path reaches it."""
-    with pytest.raises(LedpiError, match="/dev/video77"):
-        open_camera(config("v4l2:/dev/video77", row_time_us=30.0))
-
-
-def test_all_frequencies_of_all_panels_count() -> None:
-    """A panel that differs has its own frequencies, and the frame period must suit them too."""
-    values = {"side_m": 0.16, "overrides": {7: {"black_hz": 1262.0}, 9: {"white_hz": 3000.0}}}
-    panels = Config.model_validate({"panels": values}).panels
-    assert panels.frequencies_hz() == (1250.0, 1262.0, 2450.0, 3000.0)
+        open_camera(configured("picamera2"), **options)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

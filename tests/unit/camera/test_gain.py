@@ -53,15 +53,6 @@ def test_a_panel_is_found_and_held(light: float) -> None:
     assert 0.06 <= loop.levels[-1] <= 0.75
 
 
-def test_frames_made_with_the_old_gain_have_no_say() -> None:
-    """Two more frames come as before; were they heard, the gain would be raised three times over."""
-    control = GainControl(OV5647)
-    assert control.update(0, 4.0, 0.1) == pytest.approx(16.0)
-    assert control.update(PERIOD_NS, 4.0, 0.1) is None
-    assert control.update(2 * PERIOD_NS, 4.0, 0.1) is None
-    assert control.update(3 * PERIOD_NS, 16.0, 0.4) is None
-
-
 def test_the_gain_is_left_alone_within_bounds() -> None:
     """A robot that moves changes the light all the time, and a change costs two frames; beyond, one step is enough.
 
@@ -89,18 +80,6 @@ def test_a_lost_panel_is_waited_for_one_second_before_the_sweep() -> None:
     assert [gain for _, gain in loop.asked[:6]] == [8.0, 16.0, 1.0, 2.0, 4.0, 8.0]
     times = [time for time, _ in loop.asked]
     assert np.diff(times).min() >= 0.25
-
-
-def test_a_panel_that_comes_back_ends_the_sweep() -> None:
-    """Keeps the gain at which it is read again."""
-    loop = Loop(light=0.1)
-    loop.in_view = False
-    loop.run(2.0)
-    loop.in_view = True
-    loop.run(1.0)
-    changes = len(loop.asked)
-    loop.run(2.0)
-    assert len(loop.asked) == changes
 
 
 def test_it_is_settled_once_a_panel_is_well_exposed() -> None:

@@ -33,11 +33,11 @@ PANEL = PanelSpec(side_m=0.3, black_hz=1262.0, white_hz=2450.0, duty=0.4)
 
 
 def recorded(folder: Path, times_ms: list[int]) -> Path:
-    """A recording whose picture number n is all n, with seq 10 · n."""
+    """A recording whose picture number n is all 10 + n, with seq 10 · n."""
     with RecordingWriter(folder, camera=SOURCE, dictionary="DICT_5X5_50", panel=PANEL) as recorder:
         for number, time_ms in enumerate(times_ms):
             frame = Frame(
-                pixels=np.full((HEIGHT, WIDTH), number, np.uint8),
+                pixels=np.full((HEIGHT, WIDTH), 10 + number, np.uint8),
                 seq=10 * number,
                 row0_readout_ns=time_ms * 1_000_000,
                 exposure_us=149.0 + number,
@@ -68,26 +68,9 @@ def test_unpaced_delivers_every_frame_at_once(tmp_path: Path) -> None:
         assert (frame.seq, frame.row0_readout_ns) == (10 * number, time_ms * 1_000_000)
         assert (frame.exposure_us, frame.analogue_gain) == (149.0 + number, 1.0 + number)
         assert (frame.row_time_us, frame.transfer) == (ROW_US, "linear")
-        assert (frame.pixels == number).all()
+        assert (frame.pixels == 10 + number).all()
     assert camera.read(picture()) is None
     assert time.monotonic() - start < 60
-
-
-def test_paced_frames_never_come_before_their_read_out_ends(tmp_path: Path) -> None:
-    """With one constant offset for all, each frame comes after its last row was read out; the gap is kept."""
-    times_ms = [0, 150, 300, 700, 850]
-    camera = RecordingCamera(load_recording(recorded(tmp_path, times_ms)), paced=True)
-    offsets, ends, arrivals = set(), [], []
-    for _ in times_ms:
-        frame = read(camera)
-        arrivals.append(time.monotonic_ns())
-        offsets.add(frame.host_offset_ns)
-        ends.append(frame.row0_readout_ns + frame.host_offset_ns + READOUT_NS)
-        assert arrivals[-1] >= ends[-1]
-    assert len(offsets) == 1
-    assert arrivals[3] - ends[0] >= 700e6
-    assert camera.missed == 0
-    assert camera.read(picture()) is None
 
 
 def test_a_slow_reader_of_a_paced_replay_loses_frames_as_with_a_sensor(tmp_path: Path) -> None:
@@ -137,7 +120,7 @@ def test_a_loop_goes_on_in_seq_and_time(tmp_path: Path) -> None:
     """Rounds follow each other with seq and time increasing, and with a gap in time that ends every track."""
     camera = RecordingCamera(load_recording(recorded(tmp_path, [5, 6, 8])), paced=False, loop=True)
     frames = [read(camera) for _ in range(9)]
-    assert [int(frame.pixels[0, 0]) for frame in frames] == [0, 1, 2] * 3
+    assert [int(frame.pixels[0, 0]) for frame in frames] == [10, 11, 12] * 3
     assert [frame.seq for frame in frames] == [0, 10, 20, 21, 31, 41, 42, 52, 62]
     steps_ms = [
         (later.row0_readout_ns - earlier.row0_readout_ns) / 1e6 for earlier, later in itertools.pairwise(frames)

@@ -12,7 +12,6 @@ import pytest
 from ledpi.camera import recovering
 from ledpi.camera.base import Camera
 from ledpi.camera.recovering import LOST, RecoveringCamera
-from ledpi.cli import main
 from ledpi.core.errors import CameraError, CameraLostError
 from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 from tests.builders import DEADLINE_S
@@ -95,7 +94,7 @@ def test_a_camera_whose_frames_are_all_unfit_is_opened_again() -> None:
 
 
 def test_a_camera_that_was_never_there_is_an_error_at_once() -> None:
-    """Whoever starts the daemon sees it; the service manager tries again."""
+    """Whoever starts the daemon sees it; the service manager tries again (tests/system/test_run.py)."""
     with pytest.raises(CameraLostError, match="no camera found"):
         RecoveringCamera(opens(ABSENT))
 
@@ -149,15 +148,3 @@ def test_close_ends_the_wait_between_two_attempts(monkeypatch: pytest.MonkeyPatc
     camera.close()
     reader.join(DEADLINE_S)
     assert got == [None]
-
-
-def test_a_camera_that_may_come_back_ends_a_command_with_status_1(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The service manager tries again after 1, and not after 2, which only a person can put right."""
-    given = ("panels.side_m=0.16", "camera.source=v4l2:/dev/video99", "camera.row_time_us=30")
-    monkeypatch.setattr("sys.argv", ["ledpi", "run", *(part for item in given for part in ("--set", item))])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 1
-    assert "/dev/video99 does not exist" in capsys.readouterr().err

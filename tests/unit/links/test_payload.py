@@ -88,9 +88,6 @@ def test_the_daemons_state_is_a_status_packet() -> None:
     assert (running.state, gone.state) == (State.RUNNING, State.STOPPING)
 
 
-pytest.importorskip("pymavlink")
-
-
 ON_THE_NOSE = {"position_m": [0.1, 0.0, 0.0], "rpy_deg": [0.0, 0.0, 0.0], "newer": 1}  # looks ahead
 AT = {"position_m": [1.0, 2.0, 3.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0], "covariance": None, "panels_used": [7]}
 
@@ -200,12 +197,7 @@ def test_the_password_is_the_first_line_of_a_file_that_not_everybody_may_read(tm
     path.chmod(0o644)
     with pytest.raises(ConfigError, match="everybody may read it; chmod o-r"):
         read_password(path, ConfigError)
-
-
-def test_an_empty_password_is_a_mistake(tmp_path: Path) -> None:
-    """A broker would say less."""
-    path = tmp_path / "secret"
-    path.write_text("\n", encoding="utf-8")
     path.chmod(0o600)
+    path.write_text("\n", encoding="utf-8")
     with pytest.raises(ConfigError, match="its first line must be the password"):
         read_password(path, ConfigError)

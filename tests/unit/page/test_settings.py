@@ -42,31 +42,21 @@ def test_addresses(listen: str, address: tuple[str, int]) -> None:
     assert load_config(None, (GIVEN, f"view.listen={listen}")).view.address == address
 
 
-@pytest.mark.parametrize(
-    "listen",
-    [
-        "8088",
-        "127.0.0.1",
-        "127.0.0.1:",
-        "127.0.0.1:65536",
-        "127.0.0.1:-1",
-        "robot:8088",
-        "::1:8088",
-        "'[127.0.0.1]:1'",
-        "null",
-    ],
-)
-def test_what_is_no_address_is_told(listen: str) -> None:
+ADDRESSES = "8088 127.0.0.1 127.0.0.1: 127.0.0.1:65536 127.0.0.1:-1 robot:8088 ::1:8088 '[127.0.0.1]:1' null"
+NAMES = "robot.lan:8443 http://robot.lan '*' -robot robot..lan '' 7"
+TOKENS = ("short", "'with a blank in it'", "'ünicode-tokens-no'", "123456789012345")
+WRONG = [
+    *((f"listen={each}", r"listen: must be an IP address and a port, as 127\.0\.0\.1") for each in ADDRESSES.split()),
+    *((f"hosts=[{each}]", r"hosts\.0: must be a name alone, as robot\.lan") for each in NAMES.split()),
+    *((f"token={each}", "token: (must be|is too short)") for each in TOKENS),  # to be guessed, or not to be sent
+]
+
+
+@pytest.mark.parametrize(("given", "said"), WRONG)
+def test_what_cannot_be_is_told(given: str, said: str) -> None:
     """With what would be right."""
-    with pytest.raises(ConfigError, match=r"view\.listen: must be an IP address and a port, as 127\.0\.0\.1:8088"):
-        load_config(None, (GIVEN, f"view.listen={listen}"))
-
-
-@pytest.mark.parametrize("token", ["short", "'with a blank in it'", "'ünicode-tokens-no'", "123456789012345"])
-def test_what_is_no_token_is_told(token: str) -> None:
-    """Short ones can be guessed; others cannot be sent in a header."""
-    with pytest.raises(ConfigError, match=r"view\.token: (must be|is too short)"):
-        load_config(None, (GIVEN, f"view.token={token}"))
+    with pytest.raises(ConfigError, match=rf"view\.{said}"):
+        load_config(None, (GIVEN, f"view.{given}"))
 
 
 def test_a_proxy_may_ask_by_its_own_name() -> None:
@@ -93,13 +83,6 @@ def test_a_service_keeps_its_token(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert kept_token() != kept_token()
 
 
-@pytest.mark.parametrize("name", ["robot.lan:8443", "http://robot.lan", "'*'", "-robot", "robot..lan", "''", "7"])
-def test_what_is_no_host_s_name_is_told(name: str) -> None:
-    """A name alone."""
-    with pytest.raises(ConfigError, match=r"view\.hosts\.0: must be a name alone, as robot\.lan"):
-        load_config(None, (GIVEN, f"view.hosts=[{name}]"))
-
-
 def test_the_page_asks_for_nothing_from_the_root() -> None:
     """Below any path of a proxy's, as https://robot.lan/ledpi/: all that it asks for is relative to itself."""
     for file in (Path(guard.__file__).parent / "static").iterdir():
@@ -119,35 +102,21 @@ def test_tokens_are_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -
     assert [given for given, _ in compared] == [b"right-right-right", b"wrong", "üüü".encode()]
 
 
-def test_a_port_that_is_taken_is_told_in_one_line(
+def test_where_it_cannot_listen_or_see_is_told_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """Exit status 2, and what to do."""
+    """A port that is taken, an address of another machine, and a daemon without a tap, for which it would wait."""
     monkeypatch.chdir(tmp_path)
+    run = in_process(monkeypatch, capsys, "view")
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        said = complaint(in_process(monkeypatch, capsys, "view")("--set", f"view.listen=127.0.0.1:{port}"))
+        said = complaint(run("--set", f"view.listen=127.0.0.1:{port}"))
     assert said == f"ledpi: view.listen: 127.0.0.1:{port}: is in use; choose another port, or end what uses it"
-
-
-def test_an_address_of_another_machine_is_told_in_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    """As the system says it."""
-    monkeypatch.chdir(tmp_path)
-    said = complaint(in_process(monkeypatch, capsys, "view")("--set", "view.listen=192.0.2.1:8088"))
+    said = complaint(run("--set", "view.listen=192.0.2.1:8088"))
     assert said.startswith("ledpi: view.listen: 192.0.2.1:8088: ")
-
-
-def test_a_daemon_without_a_tap_is_told_in_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    """It would wait for ever."""
-    monkeypatch.chdir(tmp_path)
-    said = complaint(in_process(monkeypatch, capsys, "view")("--set", "tap.socket=null"))
-    assert "tap.socket" in said
+    assert "tap.socket" in complaint(run("--set", "tap.socket=null"))
 
 
 @pytest.mark.slow

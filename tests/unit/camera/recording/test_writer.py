@@ -47,35 +47,30 @@ def writer(folder: Path, camera: CameraInfo = CAMERA) -> RecordingWriter:
     return RecordingWriter(folder, camera=camera, dictionary="DICT_5X5_50", panel=PANEL, note="two\nlines")
 
 
-def test_what_was_written_is_read_back(tmp_path: Path) -> None:
-    """Camera, lens, panel, frames, pictures and truth survive, exactly."""
-    with writer(tmp_path / "new" / "take") as recorder:
-        recorder.write(frame(3, 1_000_000_007), [MARKER])
-        recorder.write(frame(9, 2_000_000_009), [])
-    recording = load_recording(tmp_path / "new" / "take")
-    assert recording.camera == CAMERA
-    assert (recording.dictionary, recording.panel) == ("DICT_5X5_50", PANEL)
-    first, second = recording.frames
-    assert (first.seq, first.row0_readout_ns) == (3, 1_000_000_007)
-    assert (first.exposure_us, first.analogue_gain) == (149.5, 2.5)
-    assert second.seq == 9
-    into = np.zeros((6, 8), np.uint8)
-    assert read_picture(second.picture, into) is None
-    assert np.array_equal(into, PICTURE + 9)
-    assert recording.truth is not None
-    (marker,) = recording.truth[3]
-    assert (marker.id, marker.optional) == (7, True)
-    assert np.array_equal(marker.corners_px, MARKER.corners_px)
-    assert np.array_equal(marker.camera_from_marker.position_m, [0.1, 0.2, 0.6])
-    assert np.array_equal(marker.camera_from_marker.quaternion_wxyz, [0, 1, 0, 0])
-    assert recording.truth[9] == ()
-
-
-def test_a_frame_a_second_is_recorded(tmp_path: Path) -> None:
-    """It takes 29,700 rows of 33.67 µs, most of them blanking."""
-    with writer(tmp_path, dataclasses.replace(CAMERA, frame_length_rows=29_700)) as recorder:
+@pytest.mark.parametrize(
+    "camera",
+    [
+        CAMERA,
+        dataclasses.replace(CAMERA, frame_length_rows=29_700),  # of 33.67 µs, most of them blanking
+        CameraInfo(width=8, height=6, exposure_us=150.0, row_time_us=31.75, transfer="linear"),
+    ],
+    ids=["whole", "a frame a second", "uncalibrated"],
+)
+def test_what_was_written_is_read_back(tmp_path: Path, camera: CameraInfo) -> None:
+    """Camera, panel and pictures; what is not known is not known afterwards. The files' words: below."""
+    with writer(tmp_path / "new" / "take", camera) as recorder:
         recorder.write(frame(3, 1_000_000_007))
-    assert load_recording(tmp_path).camera.frame_length_rows == 29_700
+        recorder.write(frame(9, 2_000_000_009))
+    recording = load_recording(tmp_path / "new" / "take")
+    assert (recording.camera, recording.dictionary, recording.panel) == (camera, "DICT_5X5_50", PANEL)
+    assert recording.truth is None
+    assert [(entry.seq, entry.row0_readout_ns) for entry in recording.frames] == [
+        (3, 1_000_000_007),
+        (9, 2_000_000_009),
+    ]
+    into = np.zeros((6, 8), np.uint8)
+    assert read_picture(recording.frames[1].picture, into) is None
+    assert np.array_equal(into, PICTURE + 9)
 
 
 def test_the_files_hold_the_contract_s_keys(tmp_path: Path) -> None:
@@ -106,28 +101,16 @@ def test_each_frame_is_there_before_the_next(tmp_path: Path) -> None:
             assert len(load_recording(tmp_path).frames) == seq + 1
 
 
-def test_an_uncalibrated_camera_writes_no_lens_keys(tmp_path: Path) -> None:
-    """Leaves out of the file what is not known, and that is not known after reading it."""
-    camera = CameraInfo(width=8, height=6, exposure_us=150.0, row_time_us=31.75, transfer="linear")
-    with writer(tmp_path, camera) as recorder:
-        recorder.write(frame(0, 0))
-    assert load_recording(tmp_path).camera == camera
-    assert load_recording(tmp_path).truth is None
-
-
-def test_a_folder_that_holds_something_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_holds_something_or_is_a_file_is_refused(tmp_path: Path) -> None:
     """No recording is ever written over, or into, another."""
     (tmp_path / "note.txt").write_text("mine")
-    with pytest.raises(RecordingError, match=r"is not empty; a recording needs a new or"), writer(tmp_path):
-        pass
+    for place, says in (
+        (tmp_path, "is not empty; a recording needs a new or"),
+        (tmp_path / "note.txt", "be written: "),
+    ):
+        with pytest.raises(RecordingError, match=says), writer(place):
+            pass
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]
-
-
-def test_a_file_in_the_folder_s_place_is_named(tmp_path: Path) -> None:
-    """A path that is a file is an error with that path, not a traceback."""
-    (tmp_path / "take").write_text("")
-    with pytest.raises(RecordingError, match=r"take: cannot be written: "), writer(tmp_path / "take"):
-        pass
 
 
 @pytest.mark.parametrize(

@@ -36,12 +36,8 @@ def test_shares_of_exposures_by_hand() -> None:
     wave = TracedWave.from_edges(np.array([1.0, 2.0, 3.0, 3.5]), begin_s=0.0, end_s=5.0)
     starts = np.array([0.0, 1.0, 1.75, 2.5, 3.25, 3.5])
     np.testing.assert_allclose(wave.share_on(starts, 1.5), [0.5 / 1.5, 1 / 1.5, 0.5 / 1.5, 0.5 / 1.5, 0.25 / 1.5, 0.0])
-
-
-def test_a_trace_that_ends_lit() -> None:
-    """An odd number of edges: on till the end."""
-    wave = TracedWave.from_edges(np.array([1.0]), begin_s=0.0, end_s=2.0)
-    assert wave.share_on(np.array([0.0, 1.0]), 1.0).tolist() == [0.0, 1.0]
+    ends_lit = TracedWave.from_edges(np.array([1.0]), begin_s=0.0, end_s=2.0)
+    assert ends_lit.share_on(np.array([0.0, 1.0]), 1.0).tolist() == [0.0, 1.0]
 
 
 @pytest.mark.parametrize("start_s", [-0.1, 1.6])

@@ -12,7 +12,7 @@ from ledpi.camera.simulate.scene import SimulatedSensor
 from ledpi.camera.simulate.scenes import drive_scene, ov5647_lens, still_scene, whole_rows_us
 from ledpi.camera.simulate.trajectory import Gliding, Still, facing_camera, rotation
 from ledpi.core.geometry import inverse, transform
-from ledpi.core.records import Floats, PanelSpec
+from ledpi.core.records import PanelSpec
 from tests.builders.simulate import (
     LENS,
     PINHOLE,
@@ -76,27 +76,6 @@ def test_a_panel_partly_in_view_is_optional_and_one_out_of_view_is_not_listed() 
     assert truth_of(standing(z_m=-1.0)) == []
     assert truth_of(Still(transform(np.diag([-1.0, -1.0, 1.0]), np.array([0.0, 0.0, 1.0])))) == []
     assert Renderer(dark_scene(single_class_panel(standing()), camera=sensor()), seed=0).truth(0) == ()
-
-
-@pytest.mark.slow
-def test_the_rendered_panel_lies_within_the_true_corners() -> None:
-    """The light's centroid is the quad's, and its sum the quad's area × brightness, for a panel seen almost flat on."""
-    motion = standing(0.2, 0.1, 1.5, yaw_deg=3, roll_deg=30)
-    scene = dark_scene(single_class_panel(motion, brightness=0.4), camera=sensor(PINHOLE))
-    light = np.mean([Renderer(scene, seed=seed).light(0).astype(np.float64) for seed in range(40)], axis=0)
-    corners = opencv_pixels(CORNERS_M, motion.pose, PINHOLE)
-    x, y = corners.T
-    cross = x * np.roll(y, -1) - np.roll(x, -1) * y  # the shoelace formula
-    area = cross.sum() / 2
-    centroid = [((v + np.roll(v, -1)) * cross).sum() / (6 * area) for v in (x, y)]
-    rows, columns = np.mgrid[:480, :640]
-    assert light.sum() / 0.4 == pytest.approx(abs(area), rel=0.01)
-    assert (light * columns).sum() / light.sum() == pytest.approx(centroid[0], abs=0.02)
-    assert (light * rows).sum() / light.sum() == pytest.approx(centroid[1], abs=0.05)
-
-
-def rotation_between(a: Floats, b: Floats) -> float:
-    return math.acos(min(1.0, (np.trace(a[:3, :3].T @ b[:3, :3]) - 1) / 2))
 
 
 def test_gliding_has_the_velocities_that_it_states() -> None:

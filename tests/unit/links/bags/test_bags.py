@@ -11,6 +11,7 @@ import struct
 import subprocess
 import sys
 import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,22 +42,10 @@ from ledpi.links.bags.contents import Compressed, Image, Info, checked, lens_of_
 from ledpi.links.bags.reading import messages
 from tests.builders import ROOT
 from tests.builders.command import LEDPI, Run, in_process, ledpi
-from tests.builders.daemon import write_recording
 from tests.builders.waiting import limit_s, wait_until
+from tests.unit.links.bags.conftest import FRAMES, OFFSET_NS
 
-FRAMES = 12
 OWN_ROW_TIME = ("--set", "camera.row_time_us=33.67", "--set", "camera.exposure_us=9966.32")
-
-
-@pytest.fixture(scope="module")
-def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Panel 7, a metre away; taken on a day of 2026."""
-    folder = tmp_path_factory.mktemp("bags") / "take"
-    write_recording(folder, FRAMES)
-    with (folder / "recording.yaml").open("a", encoding="utf-8") as file:
-        file.write("wall_clock_offset_ns: 1790000000123456789\n")
-    (folder / "controller.jsonl").write_text('{"asked_ns": 1, "number": 1}\n', encoding="utf-8")
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +77,7 @@ def decoded(path: Path, topic: str | None = None) -> list[Any]:
 
 def exposed_ns(line: dict[str, Any], row: float) -> int:
     """Unix time of a row's mid-exposure, by the shutter's equation."""
-    return int(line["sensor_timestamp_ns"]) + round(row * 33670 - 9966.32e3 / 2) + 1790000000123456789
+    return int(line["sensor_timestamp_ns"]) + round(row * 33670 - 9966.32e3 / 2) + OFFSET_NS
 
 
 # ---- What others read in ours
@@ -172,36 +161,63 @@ def test_a_recording_comes_back_as_it_was(bag: Path, take: Path, tmp_path: Path)
 # ---- What we read in others'
 
 
-def foreign_bag(folder: Path, take: Path, *, encoding: str = "mono8", info: bool = True, topics: int = 1) -> Path:
-    """By rosbags: uncompressed pictures, as a camera's driver publishes them."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kinds = store.types
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+KINDS = STORE.types
+Sent = tuple[str, Any]  # a type of ROS, and a message of it
+
+
+def header(stamp_ns: int) -> Any:
+    return KINDS["std_msgs/msg/Header"](KINDS["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9)), "cam")
+
+
+def grey(pixels: Any, *, encoding: str = "mono8", stamp_ns: int = 0, height: int | None = None) -> Sent:
+    """An Image of rosbags."""
+    size = (pixels.shape[0] if height is None else height, pixels.shape[1])
+    kind = "sensor_msgs/msg/Image"
+    return kind, KINDS[kind](header(stamp_ns), *size, encoding, 0, pixels.shape[1], pixels.ravel())
+
+
+def compressed(pixels: Any, suffix: str = ".png", stamp_ns: int = 0) -> Sent:
+    """A CompressedImage."""
+    kind = "sensor_msgs/msg/CompressedImage"
+    return kind, KINDS[kind](header(stamp_ns), suffix[1:], cv2.imencode(suffix, pixels)[1].ravel())
+
+
+def bag_of(folder: Path, sent: Iterable[tuple[str, Sent]], plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:
+    """By rosbags, of these messages, each with its topic."""
+    connections: dict[str, Any] = {}
+    with Writer(folder, version=9, storage_plugin=plugin) as writer:
+        for number, (topic, (kind, message)) in enumerate(sent, 1):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic], number, STORE.serialize_cdr(message, kind))
+    return folder
+
+
+def odd_bag(folder: Path, *sent: Sent, plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:
+    """These messages on one topic."""
+    return bag_of(folder, (("/cam/image", each) for each in sent), plugin)
+
+
+def foreign_bag(folder: Path, take: Path, *, encoding: str = "mono8", topics: int = 1) -> Path:
+    """Uncompressed pictures and a lens, as cameras' drivers publish them."""
     recording = load_recording(take)
-    lens = recording.camera.intrinsics
+    lens, told = recording.camera.intrinsics, "sensor_msgs/msg/CameraInfo"
     assert lens is not None
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        image, camera_info = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
-        connections = [writer.add_connection(f"/cam{k}/image_raw", image, typestore=store) for k in range(topics)]
-        told = writer.add_connection("/cam0/camera_info", camera_info, typestore=store)
+
+    def sent() -> Iterator[tuple[str, Sent]]:
         for entry in recording.frames:
             picture = cv2.imread(str(entry.picture), cv2.IMREAD_UNCHANGED)
             assert picture is not None
             time_ns = entry.row0_readout_ns + 10**18
-            stamp = kinds["builtin_interfaces/msg/Time"](*divmod(time_ns, 10**9))
-            header = kinds["std_msgs/msg/Header"](stamp, "cam")
-            height, width = picture.shape[:2]
-            step = picture.size // height
-            message = kinds[image](header, height, width, encoding, 0, step, picture.ravel())
-            if info:
-                region = kinds["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-                k = lens.matrix().ravel()
-                zeros = np.zeros(12)
-                values = (header, height, width, "plumb_bob", np.array(lens.distortion), k, np.eye(3).ravel(), zeros)
-                data = store.serialize_cdr(kinds[camera_info](*values, 0, 0, region), camera_info)
-                writer.write(told, time_ns, data)
-            for connection in connections:
-                writer.write(connection, time_ns, store.serialize_cdr(message, image))
-    return folder
+            region = KINDS["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+            matrices = (lens.matrix().ravel(), np.eye(3).ravel(), np.zeros(12))
+            values = (header(time_ns), *picture.shape[:2], "plumb_bob", np.array(lens.distortion), *matrices)
+            yield "/cam0/camera_info", (told, KINDS[told](*values, 0, 0, region))
+            for number in range(topics):
+                yield f"/cam{number}/image_raw", grey(picture, encoding=encoding, stamp_ns=time_ns)
+
+    return bag_of(folder, sent())
 
 
 @pytest.mark.slow
@@ -244,37 +260,9 @@ def test_what_a_bag_cannot_give_is_one_line(take: Path, tmp_path: Path, run: Run
     assert "is no bag that can be read" in refused(run, ROOT / "README.md", out)
 
 
-def grey(pixels: Any, *, encoding: str = "mono8", stamp_ns: int = 0, height: int | None = None) -> tuple[str, Any]:
-    """An Image of rosbags."""
-    kinds = get_typestore(Stores.ROS2_HUMBLE).types
-    header = kinds["std_msgs/msg/Header"](kinds["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9)), "cam")
-    size = (pixels.shape[0] if height is None else height, pixels.shape[1])
-    kind = "sensor_msgs/msg/Image"
-    return kind, kinds[kind](header, *size, encoding, 0, pixels.shape[1], pixels.ravel())
-
-
-def compressed(pixels: Any, suffix: str = ".png", stamp_ns: int = 0) -> tuple[str, Any]:
-    """A CompressedImage."""
-    kinds = get_typestore(Stores.ROS2_HUMBLE).types
-    header = kinds["std_msgs/msg/Header"](kinds["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9)), "cam")
-    kind = "sensor_msgs/msg/CompressedImage"
-    return kind, kinds[kind](header, suffix[1:], cv2.imencode(suffix, pixels)[1].ravel())
-
-
-def odd_bag(folder: Path, *sent: tuple[str, Any], plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:
-    """By rosbags, of these messages on one topic."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    with Writer(folder, version=9, storage_plugin=plugin) as writer:
-        for number, (kind, message) in enumerate(sent):
-            if number == 0:
-                connection = writer.add_connection("/cam/image", kind, typestore=store)
-            writer.write(connection, number + 1, store.serialize_cdr(message, kind))
-    return folder
-
-
 PLAIN = np.full((48, 64), 90, np.uint8)
 LATER = 10**9
-ODD: dict[str, tuple[list[tuple[str, Any]], str]] = {
+ODD: dict[str, tuple[list[Sent], str]] = {
     "nothing": ([], "is empty: it holds no message"),
     "no encoding": ([grey(PLAIN, encoding="")], "/cam/image: is of no encoding; must be mono8"),
     "unknown encoding": ([grey(PLAIN, encoding="x\ny")], r"/cam/image: is x\ny; must be mono8"),
@@ -483,29 +471,23 @@ def test_a_bag_that_is_cut_off_anywhere_is_read_up_to_there(bag: Path, tmp_path:
 
 def large_bag(path: Path, take: Path, megabytes: int, pictures: int) -> None:
     """As many MB of another sensor's messages, with pictures of the take among them; and a message of no known kind."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
     image, text = "sensor_msgs/msg/Image", "std_msgs/msg/String"
-    entries = load_recording(take).frames
-    raw = [cv2.imread(str(entry.picture), cv2.IMREAD_UNCHANGED) for entry in entries]
-    cloud = store.serialize_cdr(store.types[text]("x" * 1_000_000), text)
+    raw = [cv2.imread(str(entry.picture), cv2.IMREAD_UNCHANGED) for entry in load_recording(take).frames]
+    cloud = STORE.serialize_cdr(KINDS[text]("x" * 1_000_000), text)
     with path.open("wb") as file:
         writer = McapFileWriter(file, compression=CompressionType.NONE)
         writer.start("ros2", "another program")
         channels = []
         for topic, kind in (("/lidar", text), ("/cam/image_raw", image)):
-            definition = store.generate_msgdef(kind, ros_version=2)[0].encode()
+            definition = STORE.generate_msgdef(kind, ros_version=2)[0].encode()
             channels.append(writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", definition)))
         writer.add_message(writer.register_channel("/notes", "cdr", 0), 0, b"", 0)
         for number in range(max(megabytes, pictures)):
             if number < megabytes:
                 writer.add_message(channels[0], number, cloud, number)
             if number < pictures:
-                stamp = store.types["builtin_interfaces/msg/Time"](*divmod(number * 16_666_667, 10**9))
-                picture = raw[number % len(raw)]
-                assert picture is not None
-                header = store.types["std_msgs/msg/Header"](stamp, "cam")
-                message = store.types[image](header, 480, 640, "mono8", 0, 640, picture.ravel())
-                writer.add_message(channels[1], number, store.serialize_cdr(message, image), number)
+                _, message = grey(raw[number % len(raw)], stamp_ns=number * 16_666_667)
+                writer.add_message(channels[1], number, STORE.serialize_cdr(message, image), number)
         writer.finish()
 
 

@@ -18,20 +18,7 @@ from ledpi.camera.simulate.scenes import drive_map
 from ledpi.config.map_yaml import map_text
 from ledpi.links.bags.wpilog import WpilogWriter
 from tests.builders.command import ledpi
-from tests.builders.daemon import write_recording
-
-FRAMES = 12
-OFFSET_NS = 1790000000123456789
-
-
-@pytest.fixture(scope="module")
-def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Panel 7, a metre away; taken on a day of 2026."""
-    folder = tmp_path_factory.mktemp("wpilog") / "take"
-    write_recording(folder, FRAMES)
-    with (folder / "recording.yaml").open("a", encoding="utf-8") as file:
-        file.write(f"wall_clock_offset_ns: {OFFSET_NS}\n")
-    return folder
+from tests.unit.links.bags.conftest import OFFSET_NS
 
 
 @pytest.fixture(scope="module")

@@ -73,13 +73,18 @@ def counted_light(
     return PanelLight(light=light, seconds=seconds, frame_interval_us=frame_rows * row_time_us)
 
 
-def measured_panel(light: PanelLight, exposure_us: float = 9967.0, row_time_us: float = 33.67) -> PanelCalibration:
-    return measure_panel(light, DICTIONARY, ANNOUNCED, exposure_us=exposure_us, row_time_us=row_time_us)
+ONE = replace(ANNOUNCED, black_hz=1254.0, white_hz=1254.0, phase="antiphase")
 
 
-def measured_shutter(light: PanelLight, *, row_time_us: float = 33.67, rows: int | None = None) -> ShutterCalibration:
-    reported = Reported(row_time_us=row_time_us, exposure_us=296 * row_time_us, frame_length_rows=rows)
-    return measure_shutter(light, DICTIONARY, ANNOUNCED, reported)
+def measured_panel(light: PanelLight, spec: PanelSpec = ANNOUNCED, exposure_us: float = 9967.0) -> PanelCalibration:
+    return measure_panel(light, DICTIONARY, spec, exposure_us=exposure_us, row_time_us=33.67)
+
+
+def measured_shutter(
+    light: PanelLight, spec: PanelSpec = ANNOUNCED, *, exposure_rows: int = 296, rows: int | None = None
+) -> ShutterCalibration:
+    reported = Reported(row_time_us=33.67, exposure_us=exposure_rows * 33.67, frame_length_rows=rows)
+    return measure_shutter(light, DICTIONARY, spec, reported)
 
 
 def test_frequencies_that_are_off_are_found() -> None:
@@ -203,9 +208,7 @@ def test_the_row_time_is_found_whatever_the_driver_says(row_time_us: float) -> N
 @pytest.mark.parametrize("exposure_us", [9394.0, 10000.0])
 def test_the_exposure_shows_in_the_classes_depths(exposure_us: float) -> None:
     """Within its deviations of the truth, also at 10 ms, where the ratio of depths turns."""
-    rows = round(exposure_us / 33.67)
-    reported = Reported(row_time_us=33.67, exposure_us=rows * 33.67, frame_length_rows=None)
-    result = measure_shutter(counted_light(exposure_us=exposure_us), DICTIONARY, ANNOUNCED, reported)
+    result = measured_shutter(counted_light(exposure_us=exposure_us), exposure_rows=round(exposure_us / 33.67))
     assert result.exposure_us is not None
     assert abs(result.exposure_us.value - exposure_us) < 4 * result.exposure_us.sigma + 1
     assert result.exposure_us.sigma < 50
@@ -217,13 +220,9 @@ def test_a_panel_that_is_no_crystal_is_refused() -> None:
         measured_shutter(counted_light(1262.0, 2431.0))
 
 
-ONE = replace(ANNOUNCED, black_hz=1254.0, white_hz=1254.0, phase="antiphase")
-
-
 def test_the_one_frequency_of_an_antiphase_panel() -> None:
     """0.8 % off what is announced: both classes have it, and no duty is written, which is a half."""
-    light = counted_light(1264.0, 1264.0, white_phase=0.6)
-    found = measure_panel(light, DICTIONARY, ONE, exposure_us=9967.0, row_time_us=33.67)
+    found = measured_panel(counted_light(1264.0, 1264.0, white_phase=0.6), ONE)
     assert found.id == 7
     assert found.black.frequency_hz == found.white.frequency_hz == pytest.approx(1264.0, rel=1e-5)
     values = found.overrides(ONE)
@@ -234,14 +233,13 @@ def test_the_one_frequency_of_an_antiphase_panel() -> None:
 def test_two_oscillators_are_no_antiphase_panel() -> None:
     """Near enough for one frame; but their frequencies are not the same."""
     with pytest.raises(CalibrationError, match=r"1254\.00 and 1255\.50 Hz are not in antiphase|no bands of"):
-        measure_panel(counted_light(1254.0, 1255.5), DICTIONARY, ONE, exposure_us=9967.0, row_time_us=33.67)
+        measured_panel(counted_light(1254.0, 1255.5), ONE)
 
 
 def test_a_crystal_in_antiphase_measures_the_row_time() -> None:
     """But not the exposure: that takes the depths of two frequencies."""
     light = counted_light(1254.0, 1254.0, white_phase=0.6, row_time_us=32.9, exposure_us=9960.0)
-    reported = Reported(row_time_us=33.67, exposure_us=296 * 33.67, frame_length_rows=None)
-    found = measure_shutter(light, DICTIONARY, ONE, reported)
+    found = measured_shutter(light, ONE)
     assert (found.id, found.exposure_us) == (7, None)
     assert found.row_time_us.value == pytest.approx(32.9, rel=2e-3)
 

@@ -11,19 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.cli import main
 from ledpi.core.records import Pixels
 from ledpi.workshop.calibrate.board_sheet import PAPERS_MM, rectangles
 from ledpi.workshop.calibrate.boards import Board, find_board
+from tests.builders.command import Run, complaint
 
 PX_PER_MM = 10
-
-
-def made(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr("sys.argv", ["ledpi", "calibrate", "board", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
 
 
 def printed(path: Path) -> Pixels:
@@ -37,10 +30,10 @@ def printed(path: Path) -> Pixels:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "paper"), [("chessboard", "a4"), ("charuco", "letter")])
-def test_the_board_is_true_to_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, paper: str) -> None:
+def test_the_board_is_true_to_scale(ledpi: Run, tmp_path: Path, kind: str, paper: str) -> None:
     """The page has the paper's size, inner corners are 28 mm apart, and the ruler measures 100 mm."""
     pdf = tmp_path / "board.pdf"
-    assert made(monkeypatch, str(pdf), "--kind", kind, "--paper", paper, "--square-mm", "28") == 0
+    assert ledpi("calibrate", "board", pdf, "--kind", kind, "--paper", paper, "--square-mm", "28")[0] == 0
     page = printed(pdf)
     width_mm, height_mm = PAPERS_MM[paper]
     assert page.shape == pytest.approx((height_mm * PX_PER_MM, width_mm * PX_PER_MM), abs=1)
@@ -58,51 +51,35 @@ def test_the_board_is_true_to_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
-def test_the_printed_board_is_the_one_that_is_looked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_printed_board_is_the_one_that_is_looked_for(ledpi: Run, tmp_path: Path) -> None:
     """Needs no more to be told to either command: a picture of the print is a view of the board."""
-    monkeypatch.chdir(tmp_path)
-    assert made(monkeypatch) == 0
+    assert ledpi("calibrate", "board")[0] == 0
     (tmp_path / "pictures").mkdir()
     cv2.imwrite("pictures/print.png", cv2.resize(printed(tmp_path / "board.pdf"), (1188, 840)))
-    monkeypatch.setattr("sys.argv", ["ledpi", "calibrate", "camera", "pictures"])
-    with pytest.raises(SystemExit):
-        main()
-    assert "the board was found in only 1 pictures" in capsys.readouterr().err
+    assert "the board was found in only 1 pictures" in ledpi("calibrate", "camera", "pictures")[2]
 
 
-def test_a_board_that_does_not_fit_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The largest square that fits is told, and nothing is written."""
+def test_an_older_file_is_kept(ledpi: Run, tmp_path: Path) -> None:
+    """As with every calibration; a board that does not fit touches none, and the largest square that fits is told."""
     out = tmp_path / "board.pdf"
     out.write_text("precious")
-    assert made(monkeypatch, str(out), "--cols", "9", "--rows", "6") == 2
-    assert "do not fit on a4: squares must be at most 27.1 mm" in capsys.readouterr().err
+    said = complaint(ledpi("calibrate", "board", out, "--cols", "9", "--rows", "6"))
+    assert "do not fit on a4: squares must be at most 27.1 mm" in said
     assert [path.name for path in tmp_path.iterdir()] == ["board.pdf"]
-
-
-def test_an_older_file_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As with every calibration."""
-    out = tmp_path / "board.pdf"
-    out.write_text("precious")
-    assert made(monkeypatch, str(out)) == 0
+    assert ledpi("calibrate", "board", out)[0] == 0
     assert (tmp_path / "board.pdf.bak-1").read_text() == "precious"
     assert out.read_bytes().startswith(b"%PDF")
 
 
-def test_a_full_disk_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_full_disk_is_one_line(ledpi: Run, tmp_path: Path) -> None:
     """And not what matplotlib makes of it, which was an error of zlib's. Here a limit on a file's size is the disk."""
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20, limit[1]))
     try:
-        assert made(monkeypatch, str(tmp_path / "board.pdf")) == 2
+        run = ledpi("calibrate", "board")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    assert capsys.readouterr().err == f"ledpi: {tmp_path}/board.pdf: cannot be written: File too large\n"
+    assert complaint(run) == "ledpi: board.pdf: cannot be written: File too large"
     assert list(tmp_path.iterdir()) == []
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from dataclasses import replace
 from datetime import date, timedelta
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,8 +25,7 @@ from ledpi.core.errors import CalibrationError
 from ledpi.core.records import Frame, Intrinsics, Pixels
 from ledpi.workshop.calibrate.files import change_config, changed_yaml
 from ledpi.workshop.calibrate.taking import settle_gain
-from tests.builders.command import Run as Command
-from tests.builders.command import in_process
+from tests.builders.command import Run
 
 Simulated = Callable[..., Path]
 
@@ -40,11 +41,10 @@ map: null
 
 
 @pytest.fixture
-def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
-    """Runs `ledpi …` in an empty folder with CONFIG → exit status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
+def command(ledpi: Run) -> Run:
+    """Runs `ledpi …` in a folder with CONFIG."""
     Path("config.yaml").write_text(CONFIG, encoding="utf-8")
-    return in_process(monkeypatch, capsys)
+    return ledpi
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def simulated(drawn: Callable[..., Path], command: Command) -> Simulated:
+def simulated(drawn: Callable[..., Path], command: Run) -> Simulated:
     """A copy in the working directory, which tells other values than those that were simulated."""
     return lambda *settings, claimed: copied(drawn(*settings), claimed)
 
@@ -78,13 +78,17 @@ def copied(drawn: Path, claimed: dict[str, dict[str, float]]) -> Path:
     return Path("take")
 
 
-def test_a_panel_that_is_off_is_measured_and_written(command: Command, simulated: Simulated) -> None:
-    """1262 and 2431 Hz, announced as 1250 and 2450: in panels.overrides to 0.1 %, and nothing else is touched."""
-    announced = {"panel": {"black_hz": 1250.0, "white_hz": 2450.0}}
-    take = simulated("panels.black_hz=1262", "panels.white_hz=2431", claimed=announced)
+ANNOUNCED = {"panel": {"black_hz": 1250.0, "white_hz": 2450.0}}
+
+
+@pytest.mark.parametrize("claimed", [ANNOUNCED, {}], ids=["announced wrongly", "known to the recording alone"])
+def test_a_panel_that_is_off_is_measured_and_written(command: Run, simulated: Simulated, claimed: Any) -> None:
+    """1262 and 2431 Hz, configured as 1250 and 2450: in panels.overrides to 0.1 %, and nothing else is touched."""
+    take = simulated("panels.black_hz=1262", "panels.white_hz=2431", claimed=claimed)
     status, out, err = command("calibrate", "panel", take)
     assert (status, err) == (0, "")
     assert "panel 7: " in out
+    assert "blinks as configured" not in out
     assert "config.yaml: panels.overrides written; the older one is kept as config.yaml.bak-1" in out
     assert Path("config.yaml.bak-1").read_text(encoding="utf-8") == CONFIG
     spec = load_config(Path("config.yaml")).panels.spec(7)
@@ -97,22 +101,10 @@ def test_a_panel_that_is_off_is_measured_and_written(command: Command, simulated
 
 
 @pytest.mark.slow
-def test_what_only_the_recording_knows_is_written_too(command: Command, simulated: Simulated) -> None:
-    """The recording announces 1262 and 2431 Hz, and they are right; config.yaml has 1250 and 2450."""
-    take = simulated("panels.black_hz=1262", "panels.white_hz=2431", claimed={})
-    status, out, err = command("calibrate", "panel", take)
-    assert (status, err) == (0, "")
-    assert "blinks as configured" not in out
-    spec = load_config(Path("config.yaml")).panels.spec(7)
-    assert (spec.black_hz, spec.white_hz) == pytest.approx((1262.0, 2431.0), rel=1e-3)
-
-
-@pytest.mark.slow
-def test_a_duty_that_is_off_by_noise_is_not_written(command: Command, simulated: Simulated) -> None:
+def test_a_duty_that_is_off_by_noise_is_not_written(command: Run, simulated: Simulated) -> None:
     """The panel is off in frequency; of its duty 0.502 would be measured, where 0.5 is announced."""
-    announced = {"panel": {"black_hz": 1250.0, "white_hz": 2450.0}}
     given = ("panels.black_hz=1262", "panels.white_hz=2431", "panels.duty=0.502", "camera.exposure_us=1000")
-    take = simulated(*given, claimed=announced)
+    take = simulated(*given, claimed=ANNOUNCED)
     status, out, _ = command("calibrate", "panel", take)
     assert status == 0
     assert "duty   0.50" in out
@@ -123,7 +115,7 @@ def test_a_duty_that_is_off_by_noise_is_not_written(command: Command, simulated:
 
 
 @pytest.mark.slow
-def test_one_picture_over_and_over_is_refused(command: Command, simulated: Simulated) -> None:
+def test_one_picture_over_and_over_is_refused(command: Run, simulated: Simulated) -> None:
     """A camera that hangs, or frames copied by hand: nothing moves, so nothing can be measured."""
     take = simulated(claimed={})
     first = (take / "frames/000000.png").read_bytes()
@@ -135,7 +127,7 @@ def test_one_picture_over_and_over_is_refused(command: Command, simulated: Simul
 
 
 @pytest.mark.slow
-def test_a_panel_with_an_entry_is_sought_around_it(command: Command, simulated: Simulated) -> None:
+def test_a_panel_with_an_entry_is_sought_around_it(command: Run, simulated: Simulated) -> None:
     """ID 7 is announced as 1500 and 2800 Hz by itself; it is found there, although the common ones are far off."""
     overrides = ("camera.exposure_us=1000", "panels.black_hz=1507", "panels.white_hz=2790")
     take = simulated(*overrides, claimed={"panel": {"black_hz": 1000.0, "white_hz": 2000.0}})
@@ -147,19 +139,22 @@ def test_a_panel_with_an_entry_is_sought_around_it(command: Command, simulated: 
 
 
 @pytest.mark.slow
-def test_a_row_time_that_the_driver_misreports_is_written(command: Command, simulated: Simulated) -> None:
-    """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %; by a dry run nowhere."""
+def test_a_row_time_that_the_driver_misreports_is_written(command: Run, simulated: Simulated) -> None:
+    """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %, and noted with the lens; by a dry run nowhere."""
+    calibrated_lens(640, 480)
+    before = Path("config.yaml").read_text(encoding="utf-8")
     take = simulated("camera.row_time_us=31.75", claimed={"camera": {"row_time_us": 33.67}})
     assert command("calibrate", "shutter", take, "--dry-run")[0] == 0
-    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
+    assert Path("config.yaml").read_text(encoding="utf-8") == before
     status, out, _ = command("calibrate", "shutter", take)
     assert status == 0
     assert "the driver misreports its row time by +6.0%" in out
     assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(31.75, rel=2e-3)
+    assert re.search(r"shutter .*; measured 31\.7", command("calibrate")[1])
 
 
 @pytest.mark.slow
-def test_of_a_panel_that_is_as_announced_the_day_is_noted(command: Command, simulated: Simulated) -> None:
+def test_of_a_panel_that_is_as_announced_the_day_is_noted(command: Run, simulated: Simulated) -> None:
     """And no frequencies, which would cost decoding time."""
     take = simulated(claimed={})
     assert "panel 7 blinks as configured" in command("calibrate", "panel", take)[1]
@@ -168,66 +163,48 @@ def test_of_a_panel_that_is_as_announced_the_day_is_noted(command: Command, simu
     assert panels.spec(7) == panels.spec()
 
 
-def calibrated_lens(**shutter: float | date) -> None:
-    """A camera.yaml that is three days old and that config.yaml names, with what `calibrate shutter` notes in it."""
-    lens = Intrinsics(width=640, height=480, fx=643.0, fy=643.0, cx=320.0, cy=240.0)
-    made = date.today() - timedelta(days=3)
-    own = {"calibrated": made, "rms_px": 0.114, "views": 18, "deviations": {"fx": 2.6}}
-    Path("camera.yaml").write_text(camera_yaml_text(lens, own | ({"shutter": shutter} if shutter else {})))
+def calibrated_lens(width: int, height: int, **notes: dict[str, float | date]) -> None:
+    """A camera.yaml that is three days old and that config.yaml names."""
+    lens = Intrinsics(width=width, height=height, fx=643.0, fy=643.0, cx=width / 2, cy=height / 2)
+    own = {"calibrated": date.today() - timedelta(days=3), "rms_px": 0.114, "views": 18, "deviations": {"fx": 2.6}}
+    Path("camera.yaml").write_text(camera_yaml_text(lens, own | notes))
     Path("config.yaml").write_text(CONFIG.replace("# the driver's", "\n    intrinsics: camera.yaml"), encoding="utf-8")
 
 
-def test_without_a_lens_that_comes_next(command: Command) -> None:
-    """With the command that prints a board for it."""
-    status, out, _ = command("calibrate")
-    assert status == 0
+def test_bare_it_says_what_there_is_and_what_comes_next(command: Run) -> None:
+    """A lens, with its quality and age; then the shutter; a panel; and the map."""
+
+    def told() -> tuple[str, str]:
+        status, out, _ = command("calibrate")
+        assert status == 0
+        return out, out.splitlines()[-1]
+
+    out, then = told()
     assert "camera   no camera.intrinsics: IDs, but no poses" in out
-    assert out.splitlines()[-1].startswith("next: ledpi calibrate camera (a board to print: ")
-
-
-def test_after_the_lens_the_shutter_comes_next(command: Command) -> None:
-    """The lens is named with its quality and age."""
-    calibrated_lens()
-    out = command("calibrate")[1]
+    assert then.startswith("next: ledpi calibrate camera (a board to print: ")
+    calibrated_lens(1296, 972)
+    out, then = told()
+    assert "was made for pictures of 1296 × 972 pixels" in out
+    assert then.startswith("next: ledpi calibrate camera")
+    calibrated_lens(640, 480)
+    out, then = told()
     assert "640 × 480, rms 0.114 px of 18 views, fx 643.0 ± 2.6 px, 3 days old" in out
-    assert "next: ledpi calibrate shutter" in out
-
-
-@pytest.mark.slow
-def test_after_the_shutter_a_panel_comes_next(command: Command, simulated: Simulated) -> None:
-    """Names what `calibrate shutter` has noted in camera.yaml, too."""
-    calibrated_lens()
-    assert command("calibrate", "shutter", simulated(claimed={}))[0] == 0
-    out = command("calibrate")[1]
+    assert then.startswith("next: ledpi calibrate shutter")
+    calibrated_lens(640, 480, shutter={"row_time_us": 33.67, "row_time_sigma_us": 0.002, "measured": date.today()})
+    out, then = told()
     assert "measured 33.67" in out
-    assert "next: ledpi calibrate panel" in out
-
-
-def test_after_a_panel_the_map_comes_next(command: Command) -> None:
-    """The panel that was measured today is named by its ID."""
-    calibrated_lens(row_time_us=33.67, row_time_sigma_us=0.002, measured=date.today())
+    assert then.startswith("next: ledpi calibrate panel")
     text = Path("config.yaml").read_text(encoding="utf-8")
     today = f"overrides: {{7: {{measured: {date.today()}}}, "
     Path("config.yaml").write_text(text.replace("overrides: {", today), encoding="utf-8")
-    out = command("calibrate")[1]
+    out, then = told()
     assert "7: as announced, of today; others not measured" in out
-    assert "next: ledpi calibrate map" in out
-
-
-def test_bare_it_names_what_is_broken(command: Command) -> None:
-    """A camera.yaml for another size is not calibrated, and the reason is given."""
-    lens = Intrinsics(width=1296, height=972, fx=1000.0, fy=1000.0, cx=648.0, cy=486.0)
-    Path("camera.yaml").write_text(camera_yaml_text(lens, {}))
-    Path("config.yaml").write_text(CONFIG.replace("# the driver's", "\n    intrinsics: camera.yaml"), encoding="utf-8")
-    status, out, _ = command("calibrate")
-    assert status == 0
-    assert "was made for pictures of 1296 × 972 pixels" in out
-    assert "next: ledpi calibrate camera" in out
+    assert then.startswith("next: ledpi calibrate map")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["panel", "shutter"])
-def test_what_moves_or_is_short_is_refused(command: Command, what: str) -> None:
+def test_what_moves_or_is_short_is_refused(command: Run, what: str) -> None:
     """A robot that drives, and a recording of too few frames: one line, exit status 2, nothing written."""
     command("simulate", "drive", "--scene", "drive", "--frames", 21)
     command("simulate", "short", "--frames", 5)
@@ -241,7 +218,7 @@ def test_what_moves_or_is_short_is_refused(command: Command, what: str) -> None:
 
 @pytest.mark.parametrize("arguments", [("camera", "pictures"), ("shutter",), ("panel",), ("map", "drive")])
 def test_a_configuration_that_cannot_be_written_is_reported_before_anything_is_measured(
-    command: Command, tmp_path: Path, arguments: tuple[str, ...]
+    command: Run, tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
     """Its name is so long that no new file can stand beside it; pictures, camera and drive are not even there."""
     file = tmp_path / ("c" * 250)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from evaluation.accuracy import led_bands as bench
-from ledpi.cli import main
 from ledpi.core.records import Frame
 from ledpi.workshop.calibrate.lamp import lamp_frequency, lamp_rows
 from ledpi.workshop.calibrate.shutter import Estimate
+from tests.builders.command import Run
 from tests.builders.lamp import photographed_lamp
 
 
@@ -50,24 +50,15 @@ def test_real_lamps(shared: Callable[[str], Path]) -> None:
     assert off.max() < 5e-3
 
 
-def test_the_command_names_picture_and_frequency(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_names_picture_and_frequency(ledpi: Run) -> None:
     """One line a picture; where none shows a lamp with bands, that is an error."""
-    monkeypatch.chdir(tmp_path)
     cv2.imwrite("lamp.png", photographed_lamp(1262.0, 1.0))
     cv2.imwrite("dark.png", np.zeros((373, 662), np.uint8))
-
-    def command(*pictures: str) -> int:
-        shutter = ["--set", "camera.row_time_us=33.67", "--set", "camera.exposure_us=161.6"]
-        monkeypatch.setattr("sys.argv", ["ledpi", "calibrate", "panel", *pictures, *shutter])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return int(ended.value.code or 0)
-
-    assert command("lamp.png", "dark.png") == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("lamp.png  126")
-    assert lines[1] == "dark.png  no lamp with bands"
-    assert command("dark.png") == 2
-    assert "no lamp with bands in any picture" in capsys.readouterr().err
+    shutter = ("--set", "camera.row_time_us=33.67", "--set", "camera.exposure_us=161.6")
+    status, output, _ = ledpi("calibrate", "panel", "lamp.png", "dark.png", *shutter)
+    assert status == 0
+    lamp, dark = output.splitlines()
+    assert lamp.startswith("lamp.png  126")
+    assert dark == "dark.png  no lamp with bands"
+    status, _, errors = ledpi("calibrate", "panel", "dark.png", *shutter)
+    assert (status, "no lamp with bands in any picture" in errors) == (2, True)

@@ -11,13 +11,13 @@ import pytest
 import yaml
 
 from ledpi.camera.recording.reader import load_recording
-from ledpi.cli import main
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.core.records import CameraInfo, Frame, Pixels
 from ledpi.workshop.calibrate.camera import calibrate_camera
 from ledpi.workshop.calibrate.collecting import ENOUGH_VIEWS, Collection, attitude_of, next_exposure
 from ledpi.workshop.calibrate.taking import OpenAt, collect_views
 from tests.builders.boards import BOARD, CHARUCO, POSES, Pose, charuco_pictures, projected, rendered
+from tests.builders.command import Run
 
 EMPTY = np.full((480, 640), 90, np.uint8)
 INFO = CameraInfo(width=640, height=480, exposure_us=10_000.0, row_time_us=33.67, transfer="linear")
@@ -175,27 +175,17 @@ def test_exposure_and_gain(white: int, exposure_us: float, gain: float, expected
 
 
 @pytest.mark.slow
-def test_a_simulated_board_gives_the_simulated_lens(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_simulated_board_gives_the_simulated_lens(ledpi: Run) -> None:
     """The whole chain, a rolling shutter included: within four deviations of the lens that the recording tells of."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments: str) -> None:
-        monkeypatch.setattr("sys.argv", ["ledpi", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert not ended.value.code
-
     # Three frames at each of ten places, two of them at rest.
-    command("simulate", "take", "--scene", "board", "--frames", "30", "--set", "camera.frame_duration_us=166667")
+    ledpi("simulate", "take", "--scene", "board", "--frames", "30", "--set", "camera.frame_duration_us=166667")
     Path("config.yaml").write_text("panels: {side_m: 0.16}\n")
-    command("calibrate", "camera", "take")
-    captured = capsys.readouterr()
-    assert "no config.yaml was changed; to use it: camera.intrinsics: camera.yaml" in captured.out
+    status, output, errors = ledpi("calibrate", "camera", "take")
+    assert status == 0
+    assert "no config.yaml was changed; to use it: camera.intrinsics: camera.yaml" in output
     assert Path("config.yaml").read_text() == "panels: {side_m: 0.16}\n"  # a recording's lens may be any camera's
-    assert "0 views; tilt the board: its left side away" in captured.err
-    assert "30 pictures, 10 with the board" in captured.out
+    assert "0 views; tilt the board: its left side away" in errors
+    assert "30 pictures, 10 with the board" in output
     deviations = yaml.safe_load(Path("camera.yaml").read_text())["ledpi"]["deviations"]
     lens, truth = load_intrinsics(Path("camera.yaml")), load_recording(Path("take")).camera.intrinsics
     assert truth is not None

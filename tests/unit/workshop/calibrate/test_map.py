@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +23,7 @@ from ledpi.core.records import Floats, MarkerPose, PanelSpec
 from ledpi.pose.place import Placer
 from ledpi.workshop.calibrate.map import MapCalibration, calibrate_map
 from ledpi.workshop.calibrate.map_views import View, view_of
-from tests.builders.command import Run as Command
-from tests.builders.command import complaint, in_process
+from tests.builders.command import Run, complaint
 from tests.builders.decode import LENS
 from tests.builders.map import SIDE_M, detection, frame, optical, panel, pose, seen_corners, with_errors
 
@@ -85,7 +84,10 @@ def off_by(found: Floats, true: Floats) -> tuple[float, float]:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_corridor_of_twelve_panels_is_placed(seed: int) -> None:
-    """Each within 2 cm and 0.5 % of its distance from the origin panel, and 1°; and within 4 of its deviations."""
+    """Each within 2 cm and 0.5 % of its distance from the origin panel, and 1°; and within 4 of its deviations.
+
+    Of these the origin's, which is held, is the least, and that of the chain's end much larger.
+    """
     places, result = mapped(seed)
     assert set(result.panels) == set(places)
     assert (result.origin, result.unconnected) == (0, ())
@@ -95,6 +97,8 @@ def test_a_corridor_of_twelve_panels_is_placed(seed: int) -> None:
         assert away_m < 0.02 + 0.005 * distance_m
         assert turned_deg < 1.0
         assert away_m < 4 * math.sqrt(3) * result.panels[i].position_sigma_m
+    assert result.panels[0].position_sigma_m < 0.003
+    assert result.panels[11].position_sigma_m > 3 * result.panels[0].position_sigma_m
 
 
 @pytest.mark.slow
@@ -108,15 +112,6 @@ def test_panels_that_are_known_to_hang_upright_keep_the_map_level() -> None:
         result = calibrate_map(bent, places[0], SIDES_M, LENS, upright=upright)
         off.append(max(abs(result.panels[i].map_from_marker[2, 3] - places[i][2, 3]) for i in places))
     assert off[1] < 0.75 * off[0]
-
-
-@pytest.mark.slow
-def test_deviations_grow_with_the_distance_from_the_origin() -> None:
-    """The chain's end is known least, the origin is held."""
-    places, result = mapped(1)
-    far = max(places, key=lambda i: float(np.linalg.norm(places[i][:3, 3] - places[0][:3, 3])))
-    assert result.panels[0].position_sigma_m < 0.003
-    assert result.panels[far].position_sigma_m > 3 * result.panels[0].position_sigma_m
 
 
 @pytest.mark.slow
@@ -194,14 +189,12 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
-    """Runs `ledpi calibrate map …` in an empty folder → exit status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-    return in_process(monkeypatch, capsys, "calibrate", "map")
+def command(ledpi: Run) -> Run:
+    return partial(ledpi, "calibrate", "map")
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path, command: Command) -> None:
+def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path, command: Run) -> None:
     """Places within 2 cm of the scene's, laid from panel 12; older files are kept, a failure changes none."""
     (tmp_path / "markers.yaml").write_text("by hand")
     options = ("--origin", "12", "--position", "2", "0", "1", "--yaw-deg", "180")
@@ -224,7 +217,7 @@ def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path,
 
 
 @pytest.mark.slow
-def test_a_configuration_without_a_map_gets_its_name(recording: Path, tmp_path: Path, command: Command) -> None:
+def test_a_configuration_without_a_map_gets_its_name(recording: Path, tmp_path: Path, command: Run) -> None:
     """So that the daemon reads it; one that names a map keeps that, and it is said which."""
     (tmp_path / "config.yaml").write_text("panels: {side_m: 0.16}  # mine\nmap: null\n")
     assert "config.yaml: map: markers.yaml written" in command(recording)[1]
@@ -234,6 +227,6 @@ def test_a_configuration_without_a_map_gets_its_name(recording: Path, tmp_path: 
 
 
 @pytest.mark.parametrize("place", [("--position", "nan", "0", "0"), ("--yaw-deg", "inf")])
-def test_an_origin_is_somewhere(place: tuple[str, ...], command: Command) -> None:
+def test_an_origin_is_somewhere(place: tuple[str, ...], command: Run) -> None:
     """Before the recording is looked at."""
     assert complaint(command("nowhere", *place)) == "ledpi: --position, --yaw-deg: must be finite numbers"

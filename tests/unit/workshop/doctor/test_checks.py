@@ -6,6 +6,7 @@ import json
 import os
 import tty
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ from ledpi.workshop.doctor.camera import findings_of, look
 from ledpi.workshop.doctor.checks import configuration, examine
 from ledpi.workshop.doctor.finding import Finding, bad, line, ok, unknown, verdict
 from tests.builders import ROOT
-from tests.builders.command import Run, in_process
+from tests.builders.command import Run
 from tests.builders.faults import FAULTS, RIGHT, camera_of, config_of
 
 INFO = CameraInfo(
@@ -33,8 +34,8 @@ NO_CAMERA = ("panels.side_m=0.16", "camera.source=v4l2:/dev/video99", "camera.ro
 
 
 @pytest.fixture
-def doctor(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    return in_process(monkeypatch, capsys, "doctor")
+def doctor(ledpi: Run) -> Run:
+    return partial(ledpi, "doctor")
 
 
 def given(*settings: str) -> list[str]:
@@ -141,9 +142,8 @@ def test_a_broken_configuration_is_the_first_finding(doctor: Run, tmp_path: Path
 
 @pytest.mark.slow
 @pytest.mark.skipif(Path("/etc/ledpi/config.yaml").exists(), reason="there is a configuration here")
-def test_without_a_configuration_the_page_goes_on(doctor: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_configuration_the_page_goes_on(doctor: Run) -> None:
     """All else that is missing is told at once; what to do about the configuration comes first."""
-    monkeypatch.chdir(tmp_path)
     status, out, _ = doctor()
     lines = out.splitlines()
     assert status == 1

@@ -68,6 +68,7 @@ def test_a_target_that_answers_is_well() -> None:
     assert (one.name, one.state, one.said) == ("output field", "ok", f"127.0.0.1:{port}: answers")
     package, *_ = found("kind: mqtt", "host: 127.0.0.1", "port: 1")
     assert (package.state, package.said) == ("ok", "the packages of mqtt are installed")
+    assert target("kind: udp", "host: 127.0.0.1", "port: 5005").state == "unknown"  # nobody answers over UDP
 
 
 @pytest.mark.parametrize(
@@ -82,11 +83,6 @@ def test_one_that_does_not_answer_is_told_with_what_to_look_at(host: str, said: 
     one = target("kind: tcp", f"host: {host}", f"port: {free_port()}")
     assert (one.state, one.remedy, one.stops_daemon) == ("bad", remedy, False)
     assert said in one.said
-
-
-def test_nobody_answers_over_udp() -> None:
-    """So it is not known."""
-    assert target("kind: udp", "host: 127.0.0.1", "port: 5005").state == "unknown"
 
 
 def test_a_pipe_needs_nothing() -> None:
@@ -104,46 +100,30 @@ def test_a_package_that_is_missing_is_told_with_its_command(monkeypatch: pytest.
     assert one.remedy.endswith("pip install 'ledpi[mqtt]'")
 
 
-def secret(tmp_path: Path, mode: int, text: str = "correct-horse\n") -> Finding:
-    """Returns what is said of a password's file."""
-    path = tmp_path / "password"
-    path.write_text(text, encoding="utf-8")
-    path.chmod(mode)
-    return found("kind: mqtt", "host: 127.0.0.1", "user: robot", f"password_file: {path}")[1]
-
-
 @pytest.mark.parametrize(
-    ("mode", "text", "said", "remedy"),
+    ("mode", "text", "state", "said", "remedy"),
     [
-        (0o644, "correct-horse\n", "everybody may read it", "chmod o-r, and let the group ledpi read it"),
-        (0o640, "", "is empty", "its first line must be the password"),
+        (0o640, "correct-horse\n", "ok", "", ""),
+        (0o644, "correct-horse\n", "bad", "everybody may read it", "chmod o-r, and let the group ledpi read it"),
+        (0o600, "correct-horse\n", "bad", "", "sudo chgrp {group} {path} && sudo chmod 640 {path}"),
+        (0o640, "", "bad", "is empty", "its first line must be the password"),
+        (None, "", "bad", "", "sudo install -m 640 -g ledpi /dev/stdin {path}"),  # as docs/outputs.md has it
     ],
+    ids=["good", "everybody's", "not the group's", "empty", "missing"],
 )
-def test_a_password_that_is_none_or_everybodys_is_told(
-    tmp_path: Path, mode: int, text: str, said: str, remedy: str
+def test_a_password_must_be_there_and_the_services_groups(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int | None, text: str, state: str, said: str, remedy: str
 ) -> None:
-    """It is never shown."""
-    one = secret(tmp_path, mode, text)
-    assert (one.state, one.remedy) == ("bad", remedy)
+    """Whoever asks the doctor: root may read all. It is never shown."""
+    group, path = grp.getgrgid(os.getgid()).gr_name, tmp_path / "password"
+    if mode is not None:
+        monkeypatch.setattr(checks, "GROUP", group)
+        path.write_text(text, encoding="utf-8")
+        path.chmod(mode)
+    one = found("kind: mqtt", "host: 127.0.0.1", "user: robot", f"password_file: {path}")[1]
+    assert (one.state, one.remedy) == (state, remedy.format(group=group, path=path))
     assert said in one.said
-
-
-def test_a_password_that_is_missing_is_told_with_what_makes_one() -> None:
-    """As docs/outputs.md has it."""
-    one = found("kind: mqtt", "host: 127.0.0.1", "user: robot", "password_file: /nowhere/password")[1]
-    assert one.state == "bad"
-    assert one.remedy == "sudo install -m 640 -g ledpi /dev/stdin /nowhere/password"
-
-
-@pytest.mark.parametrize(("mode", "state"), [(0o640, "ok"), (0o600, "bad")])
-def test_the_services_group_must_be_able_to_read_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, state: str
-) -> None:
-    """Whoever asks the doctor: root may read all."""
-    monkeypatch.setattr(checks, "GROUP", grp.getgrgid(os.getgid()).gr_name)
-    one = secret(tmp_path, mode)
-    assert one.state == state
-    assert "correct-horse" not in one.said + one.remedy
+    assert "correct-horse" not in one.said
 
 
 @pytest.fixture
@@ -165,38 +145,31 @@ def tls(folder: Path, certificate: str, ca_file: str | None = "ca.pem") -> Findi
 
 
 @needs_openssl
-def test_a_certificate_is_told_with_its_end(authority: Path) -> None:
-    """A month from now."""
-    one = tls(authority, "broker.pem")
-    assert one.state == "ok"
-    assert "its certificate is good until 20" in one.said
-
-
-@needs_openssl
-def test_a_certificate_that_ends_soon_is_told(authority: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before it stops the bridge."""
-    monkeypatch.setattr(checks, "SOON_S", 40 * 86400.0)
-    one = tls(authority, "broker.pem")
-    assert (one.state, one.remedy) == ("bad", "renew it")
-
-
-@needs_openssl
 @pytest.mark.parametrize(
-    ("certificate", "ca_file", "said"),
+    ("certificate", "ca_file", "soon_days", "state", "said"),
     [
-        ("ended.pem", "ca.pem", "certificate has expired"),
-        ("broker.pem", None, "certificate is not accepted"),
-        ("broker.pem", "broker.key", "no certificates can be read from it"),
+        ("broker.pem", "ca.pem", 14, "ok", "its certificate is good until 20"),  # it has a month
+        ("broker.pem", "ca.pem", 40, "bad", "its certificate"),
+        ("ended.pem", "ca.pem", 14, "bad", "certificate has expired"),
+        ("broker.pem", None, 14, "bad", "certificate is not accepted"),
+        ("broker.pem", "broker.key", 14, "bad", "no certificates can be read from it"),
     ],
+    ids=["good", "ends soon", "ended", "of another authority", "no authority"],
 )
-def test_a_certificate_that_is_not_accepted_is_told(
-    authority: Path, certificate: str, ca_file: str | None, said: str
+def test_a_certificate_is_told_with_its_end(
+    authority: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    certificate: str,
+    ca_file: str | None,
+    soon_days: int,
+    state: str,
+    said: str,
 ) -> None:
-    """Ended, of another authority, or an authority that is none."""
+    """Before it stops the bridge; one that is not accepted, with a remedy."""
+    monkeypatch.setattr(checks, "SOON_S", soon_days * 86400.0)
     one = tls(authority, certificate, ca_file)
-    assert one.state == "bad"
+    assert (one.state, bool(one.remedy)) == (state, state == "bad")
     assert said in one.said
-    assert one.remedy
 
 
 @needs_openssl

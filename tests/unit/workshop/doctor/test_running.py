@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -80,15 +81,12 @@ def test_a_daemon_with_other_settings_than_these_is_told() -> None:
 def test_without_a_configuration_a_daemon_is_asked_whatever_its_camera(tmp_path: Path) -> None:
     """Its own values are no other ones then: nobody has written any."""
     here = load_config(None, ("panels.side_m=1", "camera.source=v4l2:/dev/video9", f"tap.socket={tmp_path}/tap.sock"))
-    daemon = MadeUpDaemon(tmp_path / "tap.sock")
-    try:
+    with closing(MadeUpDaemon(tmp_path / "tap.sock")):
         assert connected(here) is None
         tap = connected(here, any_camera=True)
         assert tap is not None
         with tap:
             assert "settings" not in [finding.name for finding in examine(tap, None)]
-    finally:
-        daemon.close()
 
 
 def test_a_daemon_with_another_file_is_told(tmp_path: Path) -> None:
@@ -96,11 +94,8 @@ def test_a_daemon_with_another_file_is_told(tmp_path: Path) -> None:
     file = tmp_path / "config.yaml"
     file.write_text(f"panels: {{side_m: 0.16}}\ntap: {{socket: {tmp_path}/tap.sock}}\n")
     for path, others in ((file, []), (tmp_path / "front.yaml", [f"ledpi doctor --config {tmp_path}/front.yaml"])):
-        daemon = MadeUpDaemon(tmp_path / "tap.sock", hello={"config_path": str(path)})
-        try:
+        with closing(MadeUpDaemon(tmp_path / "tap.sock", hello={"config_path": str(path)})):
             found = other_file(load_config(file))
-        finally:
-            daemon.close()
         assert ([found.remedy.removeprefix("to see that one: ")] if found else []) == others
 
 
@@ -118,10 +113,6 @@ class Flickering(MadeUpDaemon):
 
 def test_a_panel_that_one_of_the_pictures_shows_is_read(tmp_path: Path) -> None:
     """Tells nothing that the other lacks: a panel is not read and not read at once."""
-    daemon = Flickering(tmp_path / "tap.sock")
-    try:
-        with connect(str(tmp_path / "tap.sock")) as tap:
-            findings = list(examine(tap, load_config(None, ("panels.side_m=0.16",))))
-    finally:
-        daemon.close()
+    with closing(Flickering(tmp_path / "tap.sock")), connect(str(tmp_path / "tap.sock")) as tap:
+        findings = list(examine(tap, load_config(None, ("panels.side_m=0.16",))))
     assert [finding for finding in findings if finding.name == "panels"] == [ok("panels", "ID 7 read")]

@@ -11,12 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.core.dictionaries import load_dictionary
-from ledpi.workshop.panel.body import Body, back_dxf, front_dxf, walls_dxf, walls_stl
-
-
-def body(side_mm: float = 160.0, leds: int = 3) -> Body:
-    return Body(codeword=load_dictionary("DICT_4X4_50").codeword(7), side_mm=side_mm, leds=leds)
+from ledpi.workshop.panel.body import back_dxf, front_dxf, walls_dxf, walls_stl
+from tests.unit.workshop.panel.test_sheet import body
 
 
 def read(dxf: str) -> tuple[list[np.ndarray], list[Any]]:

@@ -45,6 +45,7 @@ from tests.builders.samples import observed
 assert panel_design, main  # the import puts the command into `app`
 TRUE_10_MS_US = whole_rows_us(10_000.0, OV5647_ROW_TIME_US)
 DICTIONARY = load_dictionary("DICT_4X4_50")
+CURRENT_ROW_US = 1852 / 58.333333  # of the current driver: in 504 of them 1250 Hz advance by 20.0016 cycles
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
@@ -70,6 +71,9 @@ def task(
         tolerance=tolerance,
         flicker=flicker,
     )
+
+
+CURRENT = replace(sensor(), row_time_us=CURRENT_ROW_US, exposure_us=whole_rows_us(10_000.0, CURRENT_ROW_US))
 
 
 def told(asked: Task, black_hz: float, white_hz: float, rows: int = 504) -> str:
@@ -134,14 +138,6 @@ def test_what_is_worth_trying_lies_between_the_nulls_and_can_be_made() -> None:
     assert np.diff(np.log(without_nulls)) == pytest.approx(np.log(1.1), rel=1e-2)
     assert without_nulls[-1] > 4500.0
     assert len(worthwhile_frequencies(100_000.0, 1250.0)) <= 16  # at 0.1 s a null lies every 10 Hz
-
-
-def test_information_of_even_cells_is_its_definition() -> None:
-    """Isotropic information i, depths a and b: D = i·(a² + b²)/2, whatever the phases; in antiphase i·(2a)²/2."""
-    known = even_evidence(1000.0, 0.05)
-    assert separation_nats(known, (0.05, 0.02)) == pytest.approx(0.5 * 1000 * (0.05**2 + 0.02**2))
-    antiphase = Evidence(score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2))
-    assert separation_nats(antiphase, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
 
 
 def test_information_foretells_likelihood_ratios(near: View) -> None:
@@ -213,19 +209,12 @@ def test_more_than_enough_counts_as_enough() -> None:
         (task(exposure_us=20 * OV5647_ROW_TIME_US), (1250.0, 25e3), "the driver's timer cannot make it"),
         (task(exposure_us=20 * OV5647_ROW_TIME_US), (1250.0, 25e3), r"too fast: its bands are 0\.59 rows high"),
         (task(tolerance=0.05), (1250.0, 2450.0), "none near by is good"),
+        (replace(task(), sensor=CURRENT), (1250.0, 2450.0), r"\A1250 Hz is frozen at 62\.495 fps: .* moves both\Z"),
     ],
 )
 def test_what_makes_a_pair_unusable(asked: Task, pair: tuple[float, float], says: str) -> None:
-    """Nulls with what would be right near by, flicker, bands that coincide, and what the timer cannot make."""
+    """Nulls with what would be right near by, flicker, bands that coincide or freeze, and what no timer can make."""
     assert re.search(says, told(asked, *pair))
-
-
-def test_1250_hz_is_frozen_at_62_49_fps() -> None:
-    """The current driver's rows: 504 of 31.75 µs, in which it advances 20.0016 cycles; and the period that helps."""
-    row_time_us = 1852 / 58.333333
-    camera = replace(sensor(), row_time_us=row_time_us, exposure_us=whole_rows_us(10_000.0, row_time_us))
-    text = told(replace(task(), sensor=camera), 1250.0, 2450.0, rows=504)
-    assert re.fullmatch(r"1250 Hz is frozen at 62\.495 fps: it advances by 20\.0016 cycles a frame.* moves both", text)
 
 
 def test_a_cell_holds_fewer_periods_from_further_off() -> None:
@@ -258,17 +247,11 @@ def test_what_cannot_be_seen_is_refused_with_the_nearest_and_the_farthest() -> N
             views_of(task(*distances_m))
 
 
-def test_a_folder_that_cannot_be_made_is_reported_at_once(tmp_path: Path) -> None:
-    """And not after the minutes that a design takes."""
-    (tmp_path / "file").touch()
-    with pytest.raises(ConfigError, match=r"--out file: cannot be written: File exists"):
-        run("--out", "file")
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (("--check", "1250", "2450", "--out", "design"), "--out design: is for a design; --check writes nothing"),
+        (("--out", "file"), "--out file: cannot be written: File exists"),
         (
             ("--check", "1250", "2450", "--fps", "62.49", "--row-time-us", "33.67"),
             r"475 rows of 33\.67 µs; must be at least 504, at most 58\.93 fps",
@@ -276,7 +259,8 @@ def test_a_folder_that_cannot_be_made_is_reported_at_once(tmp_path: Path) -> Non
     ],
 )
 def test_what_cannot_be_done_is_refused(arguments: tuple[str, ...], says: str) -> None:
-    """Before anything is computed with it."""
+    """Before anything is computed with it, which takes minutes."""
+    Path("file").touch()
     with pytest.raises(ConfigError, match=says):
         run(*arguments)
     assert run("--distance", "inf")[0] == run("--distance", "nan")[0] == 2

@@ -12,34 +12,17 @@ from ledpi.cli import app, main, panel, panel_design
 from ledpi.core.dictionaries import load_dictionary
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec
-from ledpi.workshop.panel.body import Body
 from ledpi.workshop.panel.circuit import plan_pins
-from ledpi.workshop.panel.paper import Page
 from ledpi.workshop.panel.sheet import Sheet, sheet_pages
 from ledpi.workshop.panel.sheet_parts import pin_electrics, pin_parts
 from tests.builders.command import output_of
+from tests.unit.workshop.panel.test_sheet import body, words
 
 assert panel_design, panel
 assert main  # the imports put the commands into `app`
 FRONT = ["D2 D3 D4 D5", "D6 D7 D8 D9", "D10 D11 D12 D13", "A0 A1 A2 A3"]
 pytestmark = pytest.mark.usefixtures("elsewhere")
 run = partial(output_of, app, "panel")
-
-
-def body() -> Body:
-    return Body(codeword=load_dictionary("DICT_4X4_50").codeword(7), side_mm=120.0, leds=1)
-
-
-def pins_on(page: Page) -> list[str]:
-    """The pins that a page shows, row by row, as they are placed on it."""
-    placed = [
-        (round(text.get_position()[1] / 10), text.get_position()[0], text.get_text())
-        for axes in page.figure.axes
-        for text in axes.texts
-        if re.fullmatch(r"[AD]\d+", text.get_text())
-    ]
-    rows = sorted({y for y, _, _ in placed}, reverse=True)
-    return [" ".join(pin for y, _, pin in sorted(placed, key=lambda p: p[1]) if y == row) for row in rows]
 
 
 def test_currents_and_light_by_hand() -> None:
@@ -91,16 +74,17 @@ def test_the_sheet_shows_each_cells_pin_from_both_sides() -> None:
         marker_id=7,
         spec=PanelSpec(side_m=0.12, black_hz=1250, white_hz=2450),
         circuit=plan_pins(3.2, 0.0075),
-        body=body(),
+        body=body(120.0, leds=1),
     )
     pages = dict(sheet_pages(sheet))
-    assert pins_on(pages["front"]) == FRONT
-    assert pins_on(pages["back"]) == [" ".join(row.split()[::-1]) for row in FRONT]
+    front, back = (words(pages[side], r"[AD]\d+") for side in ("front", "back"))
+    assert [" ".join(row) for row in front] == FRONT
+    assert back == [row[::-1] for row in front]
 
 
 def test_the_parts_are_sixteen_leds_and_no_transistor() -> None:
     """Straight from the pins: nothing but LEDs, resistors and wires."""
-    pieces = {part: count for count, part, _ in pin_parts(body(), plan_pins(3.2, 0.0075))}
+    pieces = {part: count for count, part, _ in pin_parts(body(120.0, leds=1), plan_pins(3.2, 0.0075))}
     assert pieces["LED, 5 mm"] == pieces["resistor 220 Ω"] == "16"
     assert not any("MOSFET" in part for part in pieces)
     assert ("the chip, at most", "167 mA, 20 mA of its own; 200 mA may go in") in pin_electrics(

@@ -49,16 +49,16 @@ def pages(side_mm: float = 160.0) -> dict[str, Page]:
     return dict(sheet_pages(sheet))
 
 
-def letters(page: Page) -> list[str]:
-    """The classes that a page shows, row by row, as they are placed on it."""
+def words(page: Page, pattern: str = "B|W") -> list[list[str]]:
+    """Those of cells that a page shows, row by row, as they are placed on it."""
     placed = [
         (round(text.get_position()[1] / 10), text.get_position()[0], text.get_text())
         for axes in page.figure.axes
         for text in axes.texts
-        if text.get_text() in ("B", "W")
+        if re.fullmatch(pattern, text.get_text())
     ]
     rows = sorted({y for y, _, _ in placed}, reverse=True)
-    return ["".join(letter for y, _, letter in sorted(placed, key=lambda p: p[1]) if y == row) for row in rows]
+    return [[word for y, _, word in sorted(placed, key=lambda p: p[1]) if y == row] for row in rows]
 
 
 def pdf_lines_mm(path: Path) -> list[list[float]]:
@@ -125,8 +125,8 @@ def test_cells_without_room_for_their_leds_are_refused() -> None:
 def test_the_front_shows_the_word_and_the_back_its_mirror_image() -> None:
     """By where the letters are placed: row 0 at the top, column 0 at the left, the origin in the middle."""
     drawn = pages()
-    assert letters(drawn["front"]) == WORD_7
-    assert letters(drawn["back"]) == [row[::-1] for row in WORD_7]
+    assert ["".join(row) for row in words(drawn["front"])] == WORD_7
+    assert words(drawn["back"]) == [row[::-1] for row in words(drawn["front"])]
     assert body().cell_centre_mm(3, 0) == (-60.0, -60.0)
 
 

@@ -10,7 +10,7 @@ from matplotlib.patches import Ellipse, Polygon
 
 from ledpi.page.panels import SIGMAS, robot_of_state
 from ledpi.workshop.plan import draw_robot, plan_of
-from tests.builders.command import complaint, in_process
+from tests.builders.command import Run, complaint
 from tests.builders.state import room
 
 
@@ -30,14 +30,10 @@ def test_the_arrow_points_ahead_and_the_ellipse_holds_three_deviations() -> None
 
 
 @pytest.mark.slow
-def test_a_recording_says_where_the_robot_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_says_where_the_robot_is(ledpi: Run, tmp_path: Path) -> None:
     """A metre before panel 7, which is a metre ahead of the map's origin. Without a take the daemon is asked."""
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "markers.yaml").write_text("panels: {7: {position_m: [1, 0, 1], yaw_deg: 180}}")
     (tmp_path / "config.yaml").write_text("panels: {side_m: 0.16}\nmap: markers.yaml\n")
-    ledpi = in_process(monkeypatch, capsys)
     assert ledpi("simulate", "a$x_^$", "--frames", 3)[0] == 0
     status, output, errors = ledpi("snapshot", "a$x_^$", "--map", "--out", "plan.jpg")
     assert (status, errors) == (0, "")

@@ -6,7 +6,6 @@ import os
 import re
 import resource
 import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -15,7 +14,6 @@ import pytest
 
 from ledpi.camera.simulate.render import Renderer
 from ledpi.camera.simulate.scene import Light, Panel, PanelAppearance, Scene
-from ledpi.cli import main
 from ledpi.cli.snapshot import reasons
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
@@ -25,6 +23,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.workshop.snapshot.page import BLOCKS_GAP, COLUMN, GAP, LEFT, PICTURES_TOP, RIGHT, TILE, TITLE, WIDTH, draw
 from ledpi.workshop.snapshot.sources import Snapshot, explain, take
 from tests.builders import DEADLINE_S, ROOT
+from tests.builders.command import LEDPI, Run, complaint
 from tests.builders.faults import FAULTS, camera_of, config_of
 from tests.builders.simulate import LENS, SPEC, WORD_7, opencv_pixels, panel, sensor, standing
 
@@ -166,20 +165,11 @@ def test_plus_minus_and_micro_are_drawn_without_a_stray_tail() -> None:
 
 
 @pytest.fixture
-def take_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def take_folder(ledpi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A recording of panel 7, made by the simulator, in a working directory without a configuration."""
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("ledpi.cli.snapshot.RUN_FRAMES", 1)  # fewer than the recording has
-    assert ledpi(monkeypatch, "simulate", "take", "--frames", "2", "--distance", "0.8") == 0
+    assert ledpi("simulate", "take", "--frames", "2", "--distance", "0.8")[0] == 0
     return tmp_path / "take"
-
-
-def ledpi(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """Exit status of a command line."""
-    monkeypatch.setattr(sys, "argv", ["ledpi", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
 
 
 PICTURE = ("take/frames/000000.png", "--set", "panels.side_m=0.16")
@@ -198,15 +188,12 @@ PICTURE = ("take/frames/000000.png", "--set", "panels.side_m=0.16")
     ],
     ids=["frame of a recording", "first of a recording", "simulator", "a panel", "recording as camera", "picture"],
 )
-def test_one_picture_and_what_was_read(
-    arguments: tuple[str, ...], says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_picture_and_what_was_read(ledpi: Run, arguments: tuple[str, ...], says: str) -> None:
     """The picture is where --out says; the first line says what was read, and only those of reasons may follow."""
-    capsys.readouterr()
-    assert ledpi(monkeypatch, "snapshot", *arguments, "--out", "out.png") == 0
-    printed = capsys.readouterr()
-    assert re.match(rf"out\.png: {says}", printed.out)
-    assert all(line.startswith("  ") for line in printed.out.splitlines()[1:])
+    status, output, _ = ledpi("snapshot", *arguments, "--out", "out.png")
+    assert status == 0
+    assert re.match(rf"out\.png: {says}", output)
+    assert all(line.startswith("  ") for line in output.splitlines()[1:])
     picture = cv2.imread("out.png")
     assert picture is not None
     assert picture.shape[1] == WIDTH
@@ -214,12 +201,9 @@ def test_one_picture_and_what_was_read(
 
 @pytest.mark.usefixtures("take_folder")
 @pytest.mark.parametrize("path", [("take",), ("--set", "camera.source=recording:take")])
-def test_a_side_that_was_measured_again_is_stronger_than_the_recordings(
-    path: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_side_that_was_measured_again_is_stronger_than_the_recordings(ledpi: Run, path: tuple[str, ...]) -> None:
     """A panel of 0.16 m at 0.8 m, said to be of 0.32, is at 1.6 m: as a recording, and as a camera."""
-    assert ledpi(monkeypatch, "snapshot", *path, "--set", "panels.side_m=0.32") == 0
-    depth_m = re.search(r"ID 7 at \S+ \S+ (\S+) m", capsys.readouterr().out)
+    depth_m = re.search(r"ID 7 at \S+ \S+ (\S+) m", ledpi("snapshot", *path, "--set", "panels.side_m=0.32")[1])
     assert depth_m is not None
     assert float(depth_m[1]) == pytest.approx(1.6, rel=0.02)
 
@@ -230,7 +214,7 @@ def test_the_way_to_a_late_frame_is_shown(tmp_path: Path) -> None:
     """Shows a camera's, on a terminal: it may take a while."""
     master, slave = os.openpty()
     given = ["--set", "camera.source=recording:take", "--frame", "1"]
-    command = [sys.executable, "-c", "from ledpi.cli import main; main()", "snapshot", *given]
+    command = [*LEDPI, "snapshot", *given]
     done = subprocess.run(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=slave, timeout=DEADLINE_S)
     os.set_blocking(master, False)
     shown = os.read(master, 100_000).decode(errors="ignore")
@@ -278,21 +262,12 @@ ROW_TIME = ("--set", "panels.side_m=0.16", "--set", "camera.row_time_us=33.67")
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )
 def test_what_cannot_be_used_is_one_line_and_status_2(
-    arguments: tuple[str, ...],
-    error: str,
-    take_folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    ledpi: Run, arguments: tuple[str, ...], error: str, take_folder: Path
 ) -> None:
     """It names what is wrong, and writes no picture; none is lost."""
     spoil(take_folder)
     sound = {path: path.read_bytes() for path in (take_folder / "frames").iterdir()}
-    capsys.readouterr()
-    assert ledpi(monkeypatch, "snapshot", *arguments) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.startswith(f"ledpi: {error}")
-    assert printed.err.count("\n") == 1
+    assert complaint(ledpi("snapshot", *arguments)).startswith(f"ledpi: {error}")
     assert list(take_folder.parent.glob("*out*")) + list(take_folder.parent.glob("snapshot.*")) == []
     assert {path: path.read_bytes() for path in (take_folder / "frames").iterdir()} == sound
 
@@ -302,26 +277,22 @@ def test_a_folder_whose_name_is_no_utf_8_is_drawn(take_folder: Path) -> None:
     """In a process of its own: OpenCV 5 would end it."""
     odd = Path(os.fsdecode(b"take\xff"))
     take_folder.rename(odd)
-    command = [sys.executable, "-c", "from ledpi.cli import main; main()", "snapshot", odd, "--out", "out.png"]
+    command = [*LEDPI, "snapshot", odd, "--out", "out.png"]
     done = subprocess.run(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, timeout=DEADLINE_S)
     assert done.returncode == 0
     assert cv2.imread("out.png") is not None
 
 
 @pytest.mark.usefixtures("take_folder")
-def test_a_full_disk_leaves_the_older_picture(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_full_disk_leaves_the_older_picture(ledpi: Run, tmp_path: Path) -> None:
     """Half of the new one is not left either."""
     (tmp_path / "out.png").write_bytes(b"older")
-
-    capsys.readouterr()
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limit[1]))  # in the place of a full disk
     try:
-        assert ledpi(monkeypatch, "snapshot", "take", "--out", "out.png") == 2
+        run = ledpi("snapshot", "take", "--out", "out.png")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    assert capsys.readouterr().err == "ledpi: --out out.png: cannot be written: File too large\n"
+    assert complaint(run) == "ledpi: --out out.png: cannot be written: File too large"
     assert (tmp_path / "out.png").read_bytes() == b"older"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.png", "take"]

@@ -22,7 +22,7 @@ from ledpi.pipeline.trace import class_alone, class_given_others
 from ledpi.workshop.snapshot.page import BORDER, PICTURES_TOP, WIDTH, View, view_of
 from ledpi.workshop.snapshot.sources import Snapshot, take
 from ledpi.workshop.snapshot.steps import CAPTION, GAP, TITLE, draw_steps, tile_width
-from tests.builders.command import Run, in_process
+from tests.builders.command import Run
 from tests.builders.decode import (
     PINHOLE,
     ROW_TIME_US,
@@ -183,9 +183,6 @@ def test_all_is_upright_as_in_the_frame(turns: int) -> None:
         np.testing.assert_allclose(seen, expected, atol=5)
 
 
-# ---- Parts of a frame
-
-
 # ---- From the command line
 
 
@@ -211,13 +208,6 @@ def shelf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_take(folder / "one", 2)
     write_take(folder / "two", 1)
     return folder
-
-
-@pytest.fixture
-def ledpi(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    """The command within this process: exit status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)  # no config.yaml is there
-    return in_process(monkeypatch, capfd)
 
 
 @pytest.mark.slow
