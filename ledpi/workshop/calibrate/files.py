@@ -40,6 +40,7 @@ def check_with_picture(path: Path) -> None:
     """As `check_writable` of `path` and of the picture beside it."""
     if path.suffix == PICTURE_SUFFIX:
         raise CalibrationError(f"{path}: must not end in {PICTURE_SUFFIX}: a picture of that name is written beside it")
+    _check_is_file(path)  # a folder, as ".", has no name that a picture could have
     check_writable(path, picture_beside(path))
 
 

@@ -98,6 +98,7 @@ def test_a_rendered_camera_is_asked_back(pictures: Path, command: Run) -> None:
     [
         ("no/camera.yaml", "no/camera.yaml: cannot be written: No such file or directory"),
         ("folder", "folder: is a folder; must be the file to write"),
+        (".", ".: is a folder; must be the file to write"),
         ("camera.png", "camera.png: must not end in .png: a picture of that name is written beside it"),
     ],
 )
