@@ -172,12 +172,12 @@ class Filter:
         root = np.linalg.inv(np.linalg.cholesky(innovation.covariance))
         gain = root @ innovation.cross
         change = (root @ innovation.error) @ gain
-        turn = change[YAW] + change[TURNED]
-        change[:2] = np.sinc(turn / math.tau) * _rotation(turn / 2) @ change[:2]
         mount = self.P[OWN:FIRST, OWN:FIRST].copy()
         self.P -= gain.T @ gain
         if not self._moves:
             change[OWN:FIRST], self.P[OWN:FIRST, OWN:FIRST] = 0.0, mount
+        turn = change[YAW] + change[TURNED]
+        change[:2] = np.sinc(turn / math.tau) * _rotation(turn / 2) @ change[:2]
         self.x += change
         self.x[YAW] = wrapped(self.x[YAW])
         self.P[:2] = _rotation(turn) @ self.P[:2]
@@ -233,7 +233,7 @@ class Filter:
         dx, dy = self.x[at : at + 2].tolist()
         c, s = math.cos(yaw), math.sin(yaw)
         east, north = east + dx - x, north + dy - y
-        H = np.zeros((3, 10))
+        H = np.zeros((3, POSE + 3 + EACH))
         qx, qy = (seen[:2] + self._seat).tolist()
         H[:, :3] = [-c, -s, qy], [s, -c, -qx], [0.0, 0.0, 1.0]
         H[:, 3:] = -by_seen

@@ -569,7 +569,7 @@ def test_metrics_are_read_by_prometheus_own_parser(site: Site, daemon: MadeUpDae
     """Counters, reasons, state, versions, what was read; without a daemon nothing of its health."""
     parser = pytest.importorskip("prometheus_client.parser")
     site.state_once("up")
-    wait_until(lambda: b"ledpi_decoded" in site.ask("GET", "/metrics").body)
+    wait_until(lambda: b"ledpi_markers_total{" in site.ask("GET", "/metrics").body)
     answer = site.ask("GET", "/metrics")
     assert answer.headers["Content-Type"].startswith("text/plain; version=0.0.4")
     found = {

@@ -55,6 +55,7 @@ STATE = RobotState(
     contested=False,
     moved=(),
     relocalisations=0,
+    mount_rad=np.zeros((2, 3)),
     events=(),
 )
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # a panel that hangs upright and faces the camera
